@@ -1,0 +1,21 @@
+"""The one recipe of the whole flow: a scenario in, a comparison of its suspension options out."""
+
+from maglev_ctrl.study.records import (
+    Comparison,
+    FloquetStudy,
+    NyquistCurve,
+    OptionStudy,
+    RequirementResult,
+    RootLocus,
+    Sweep,
+)
+
+__all__ = [
+    "Comparison",
+    "FloquetStudy",
+    "NyquistCurve",
+    "OptionStudy",
+    "RequirementResult",
+    "RootLocus",
+    "Sweep",
+]
