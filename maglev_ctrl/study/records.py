@@ -56,7 +56,7 @@ class Sweep:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RootLocus:
-    """Eigenvalues at the design point while the option's own elements are faded in: 0 = bare vehicle, 1 = as designed."""
+    """Eigenvalues at the design point while the option's elements are faded in: 0 = bare vehicle, 1 = as designed."""
 
     gain: FloatArray  # (g,)
     s: ComplexArray  # (g, m)

@@ -99,7 +99,7 @@ def close_loop(system: SecondOrderSystem, controller: Controller) -> SecondOrder
     >>> close_loop(plant, damper).C
     array([[0.5]])
     """
-    n, n_xi, n_c = len(system.dofs), len(system.internal), len(controller.states)
+    n, n_c = len(system.dofs), len(controller.states)
     unknown = [name for name in controller.commands if name not in system.inputs]
     if unknown:
         raise ValueError(f"command: {unknown[0]!r} is not an input; the inputs are {', '.join(system.inputs)}")

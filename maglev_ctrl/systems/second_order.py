@@ -200,9 +200,9 @@ class SecondOrderSystem:
         """q'' = X x + U u + W [w; w'] with x the state vector; the three matrices (..., n, *)."""
         kept = list(self.positions)
         rows = [-self.K[..., kept], -self.C, self.F]
-        X = np.linalg.solve(self.M, join_columns(rows))
-        U = np.linalg.solve(self.M, self.B)
-        W = np.linalg.solve(self.M, join_columns([self.K_w, self.C_w]))
+        X: FloatArray = np.linalg.solve(self.M, join_columns(rows)).astype(np.float64)
+        U: FloatArray = np.linalg.solve(self.M, self.B).astype(np.float64)
+        W: FloatArray = np.linalg.solve(self.M, join_columns([self.K_w, self.C_w])).astype(np.float64)
         return X, U, W
 
     def state_matrix(self) -> FloatArray:
@@ -289,6 +289,6 @@ class SecondOrderSystem:
         gone = [i for i in range(n) if i not in kept]
         if np.any(stiffness[..., gone] != 0.0):
             raise ValueError("K_1: acts on the position of an ignorable coordinate")
-        X = -np.linalg.solve(self.M, stiffness[..., kept])
+        X: FloatArray = -np.linalg.solve(self.M, stiffness[..., kept]).astype(np.float64)
         X = join_columns([X, np.zeros((n, n + len(self.internal)))])
         return join_rows([np.zeros((len(kept), X.shape[-1])), X, self.G_a @ X])

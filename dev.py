@@ -1,0 +1,157 @@
+#!/usr/bin/env python3
+"""Set everything up on a fresh machine and run the work: `python3 dev.py report SCENARIO`, `python3 dev.py test`.
+
+Standard library only. Uses uv where it is on PATH, otherwise a virtual environment and pip. Verbs that are not listed
+below are passed on to the `maglev-ctrl` command, so `python3 dev.py check FILE` is `maglev-ctrl check FILE`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent
+ENVIRONMENT = ROOT / ".venv"
+BIN = ENVIRONMENT / ("Scripts" if os.name == "nt" else "bin")
+PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
+STAMP = ENVIRONMENT / "maglev-ctrl-setup"
+EXTRAS = "test,docs"
+
+HELP = """usage: python3 dev.py VERB [ARGUMENTS]
+
+  test [PYTEST ARGUMENTS]   run the tests
+  lint                      ruff, mypy and the floors of the architecture
+  docs                      build the documentation site into docs/_build/html
+  bench [NAME]              run the benchmarks
+  setup                     only set up
+  report | check | new ...  everything else is the maglev-ctrl command:
+                            python3 dev.py report scenarios/compare/eds_135t.toml
+"""
+
+
+def main(arguments: list[str]) -> int:
+    """Set up once, then run one verb; the exit status is the verb's own."""
+    if sys.version_info < (3, 11):
+        found = ".".join(str(part) for part in sys.version_info[:3])
+        return complain(f"Python 3.11 or newer is needed; this is {found} ({sys.executable})")
+    if not arguments or arguments[0] in ("-h", "--help", "help"):
+        print(HELP)
+        return 0
+    problem = set_up()
+    if problem:
+        return complain(problem)
+    verb, rest = arguments[0], arguments[1:]
+    match verb:
+        case "setup":
+            return 0
+        case "test":
+            return run([str(PYTHON), "-m", "pytest", *(rest or ["-n", str(os.cpu_count() or 1)])], cwd=ROOT)
+        case "lint":
+            return lint()
+        case "docs":
+            return build_docs()
+        case "bench":
+            return bench(rest)
+        case _:
+            return run([str(PYTHON), "-m", "maglev_ctrl", verb, *rest])
+
+
+def set_up() -> str:
+    """Create the environment unless the project's requirements are the ones installed; a problem in words, or ''."""
+    if STAMP.exists() and STAMP.read_text(encoding="utf-8") == wanted():
+        return ""
+    print("maglev_ctrl: setting up (once) ...", file=sys.stderr, flush=True)
+    uv = shutil.which("uv")
+    if uv:
+        environment = {**os.environ, "UV_PROJECT_ENVIRONMENT": str(ENVIRONMENT), "VIRTUAL_ENV": str(ENVIRONMENT)}
+        steps = [
+            [uv, "venv", "--quiet", "--allow-existing", "--python", sys.executable, str(ENVIRONMENT)],
+            [uv, "pip", "install", "--quiet", "--editable", f"{ROOT}[{EXTRAS}]"],
+        ]
+    else:
+        problem = make_environment()
+        if problem:
+            return problem
+        environment = dict(os.environ)
+        steps = [
+            [str(PYTHON), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--editable",
+             f"{ROOT}[{EXTRAS}]"]
+        ]  # fmt: skip
+    for step in steps:
+        if subprocess.run(step, env=environment, check=False).returncode != 0:
+            return f"set-up failed at: {' '.join(step)}"
+    STAMP.write_text(wanted(), encoding="utf-8")
+    return ""
+
+
+def make_environment() -> str:
+    """A virtual environment with pip; a problem in words, or ''."""
+    try:
+        import ensurepip  # noqa: F401
+    except ImportError:
+        version = f"{sys.version_info.major}.{sys.version_info.minor}"
+        return (
+            "this Python has no ensurepip, so it cannot make an environment with pip in it; mend it with one command:\n"
+            f"  sudo apt-get install python{version}-venv"
+        )
+    if PYTHON.exists():
+        return ""
+    done = subprocess.run([sys.executable, "-m", "venv", str(ENVIRONMENT)], check=False)
+    return "" if done.returncode == 0 else f"could not create {ENVIRONMENT}"
+
+
+def wanted() -> str:
+    """What the environment must match: the requirements, this Python, this place."""
+    digest = hashlib.sha256((ROOT / "pyproject.toml").read_bytes()).hexdigest()
+    return f"{digest} {sys.version_info[:2]} {ROOT} {EXTRAS}"
+
+
+def lint() -> int:
+    """Style, types and floors; the worst exit status."""
+    steps = [
+        [str(PYTHON), "-m", "ruff", "check", "."],
+        [str(PYTHON), "-m", "ruff", "format", "--check", "."],
+        [str(PYTHON), "-m", "mypy"],
+        [str(BIN / ("lint-imports.exe" if os.name == "nt" else "lint-imports"))],
+    ]
+    return max(run(step, cwd=ROOT) for step in steps)
+
+
+def build_docs() -> int:
+    """The documentation site; a warning, a broken link or a failing example is an error."""
+    out = ROOT / "docs" / "_build" / "html"
+    status = run([str(PYTHON), "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", "docs", str(out)], cwd=ROOT)
+    if status == 0:
+        print(f"documentation: {out / 'index.html'}")
+    return status
+
+
+def bench(names: list[str]) -> int:
+    """Every benchmark, or the named ones."""
+    known = {path.stem: path for path in sorted((ROOT / "benchmarks").glob("*.py"))}
+    missing = [name for name in names if name not in known]
+    if missing:
+        return complain(f"no benchmark {missing[0]!r}; there are: {', '.join(known)}")
+    return max((run([str(PYTHON), str(known[name])], cwd=ROOT) for name in names or known), default=0)
+
+
+def run(command: list[str], *, cwd: Path | None = None) -> int:
+    """Run a command with this terminal; its exit status."""
+    try:
+        return subprocess.run(command, cwd=cwd, check=False).returncode
+    except KeyboardInterrupt:
+        return 130
+
+
+def complain(problem: str) -> int:
+    """Say what is wrong; exit status 2."""
+    print(f"dev.py: {problem}", file=sys.stderr)
+    return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
