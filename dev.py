@@ -45,19 +45,18 @@ def main(arguments: list[str]) -> int:
     if problem:
         return complain(problem)
     verb, rest = arguments[0], arguments[1:]
-    match verb:
-        case "setup":
-            return 0
-        case "test":
-            return run([str(PYTHON), "-m", "pytest", *(rest or ["-n", str(os.cpu_count() or 1)])], cwd=ROOT)
-        case "lint":
-            return lint()
-        case "docs":
-            return build_docs()
-        case "bench":
-            return bench(rest)
-        case _:
-            return run([str(PYTHON), "-m", "maglev_ctrl", verb, *rest])
+    # No match statement: an older Python must get as far as the sentence above.
+    if verb == "setup":
+        return 0
+    if verb == "test":
+        return run([str(PYTHON), "-m", "pytest", *(rest or ["-n", str(os.cpu_count() or 1)])], cwd=ROOT)
+    if verb == "lint":
+        return lint()
+    if verb == "docs":
+        return build_docs()
+    if verb == "bench":
+        return bench(rest)
+    return run([str(PYTHON), "-m", "maglev_ctrl", verb, *rest])
 
 
 def set_up() -> str:
