@@ -1,7 +1,37 @@
-"""Magnetic forces of one magnet over a guideway."""
+"""Magnetic forces of one magnet over a guideway: image force, tables, matrices, forced-oscillation coefficients."""
 
 from __future__ import annotations
 
 from maglev_ctrl.forces.base import AbstractForceModel, Domain, MagnetDerivatives, MagnetForces
+from maglev_ctrl.forces.coefficients import Coefficients, CoefficientTable
+from maglev_ctrl.forces.image import (
+    ImageForce,
+    characteristic_speed,
+    drag_ratio,
+    drag_ratio_slope,
+    lift_ratio,
+    lift_ratio_slope,
+    receding_image_ratio,
+)
+from maglev_ctrl.forces.tabulated import FitQuality, TabulatedForce
+from maglev_ctrl.forces.unsteady import OscillationCoefficients, coefficients_from_oscillation
 
-__all__ = ["AbstractForceModel", "Domain", "MagnetDerivatives", "MagnetForces"]
+__all__ = [
+    "AbstractForceModel",
+    "CoefficientTable",
+    "Coefficients",
+    "Domain",
+    "FitQuality",
+    "ImageForce",
+    "MagnetDerivatives",
+    "MagnetForces",
+    "OscillationCoefficients",
+    "TabulatedForce",
+    "characteristic_speed",
+    "coefficients_from_oscillation",
+    "drag_ratio",
+    "drag_ratio_slope",
+    "lift_ratio",
+    "lift_ratio_slope",
+    "receding_image_ratio",
+]
