@@ -34,7 +34,7 @@ class PolynomialSurface:
         result = np.ones((*points.shape[:-1], len(self.powers)))
         for axis in range(powers.shape[1]):
             top = int(powers[:, axis].max())
-            basis = chebyshev.chebvander(scaled[..., axis], top)
+            basis = chebyshev.chebvander(scaled[..., axis], top).reshape(*points.shape[:-1], top + 1)
             if axis == derivative:
                 # column p of the slopes: coefficients of T_p' in T_0, T_1, ...
                 slopes = np.zeros((top + 1, top + 1))
