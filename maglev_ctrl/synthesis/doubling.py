@@ -1,0 +1,151 @@
+"""Structure-preserving doubling for continuous Riccati equations, over any number of batch axes.
+
+Chu, Fan and Lin, Linear Algebra and its Applications 396 (2005) 55: a Cayley map with shift `shift` > 0 turns the
+Hamiltonian of Q + A'P + P A - P G P = 0 into a symplectic pencil whose powers 2, 4, 8, ... cost one solve each.
+The shift is the geometric mean of the moduli of the closed-loop poles, read off the determinant of the Hamiltonian.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from maglev_ctrl.arrays import FloatArray, join_columns, join_rows, read_only, read_only_any, transpose
+
+MAXIMUM_DOUBLINGS = 40
+
+
+def hamiltonian(A: FloatArray, G: FloatArray, Q: FloatArray) -> FloatArray:
+    """[[A, -G], [-Q, -A']]; its stable eigenvalues are the closed-loop poles; (..., 2n, 2n)."""
+    return join_rows([join_columns([A, -G]), join_columns([-Q, -transpose(A)])])
+
+
+def cayley_shift(A: FloatArray, G: FloatArray, Q: FloatArray) -> FloatArray:
+    """Geometric mean of the moduli of the closed-loop poles: |det H|^(1/2n); (...,)."""
+    _, logarithm = np.linalg.slogdet(hamiltonian(A, G, Q))
+    shift = np.exp(logarithm / (2.0 * A.shape[-1]))
+    size = np.linalg.norm(A, axis=(-2, -1)) + 1.0
+    return np.asarray(np.where(np.isfinite(shift) & (shift > 1e-8 * size), shift, size))
+
+
+def doubled_solution(
+    A: FloatArray, G: FloatArray, Q: FloatArray, shift: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Stabilising P by doubling, and the norm of the last power (zero where the iteration converged).
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError : an intermediate matrix is singular
+
+    Examples
+    --------
+    >>> P, rest = doubled_solution(np.array([[0.0]]), np.array([[1.0]]), np.array([[4.0]]))
+    >>> round(float(P[0, 0]), 12)
+    2.0
+    """
+    n = A.shape[-1]
+    gamma = np.asarray(cayley_shift(A, G, Q) if shift is None else shift)[..., None, None]
+    inverse = np.linalg.inv(A - gamma * np.eye(n))
+    middle = np.linalg.inv(transpose(A) - gamma * np.eye(n) + Q @ inverse @ G)
+    power = np.eye(n) + 2.0 * gamma * transpose(middle)
+    dual = _symmetric(2.0 * gamma * inverse @ G @ middle)
+    primal = _symmetric(2.0 * gamma * middle @ Q @ inverse)
+    for _ in range(MAXIMUM_DOUBLINGS):
+        solved = np.linalg.solve(np.eye(n) + dual @ primal, join_columns([power, dual]))
+        ahead, through = solved[..., :n], solved[..., n:]
+        step = _symmetric(transpose(power) @ primal @ ahead)
+        dual = dual + _symmetric(power @ through @ transpose(power))
+        power = power @ ahead
+        primal = primal + step
+        if np.all(_size(step) <= 1e-16 * _size(primal)) or not np.all(np.isfinite(primal)):
+            break
+    return primal, _size(power)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class RiccatiBatch:
+    """Riccati solutions over leading batch axes.
+
+    `P` (..., n, n), `gain` (..., m, n); `residual` (...,) relative to the size of the terms; `solved` (...,) true where
+    the residual and the decay of the doubled powers vouch for a stabilising solution; `redone` (...,) true where the
+    single-point solver had to step in. NaN where unsolved.
+    """
+
+    P: FloatArray
+    gain: FloatArray
+    residual: FloatArray
+    solved: NDArray[np.bool_]
+    redone: NDArray[np.bool_]
+
+
+def riccati_batch(
+    A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike, N: ArrayLike | None = None, *, tolerance: float = 1e-11
+) -> RiccatiBatch:
+    """Stabilising solutions of many continuous Riccati equations at once, for grids of operating points.
+
+    Parameters
+    ----------
+    A, B, Q, R, N : as in `riccati_continuous`, with leading batch axes that broadcast
+    tolerance : relative residual above which a point is solved again by `riccati_continuous`
+
+    Raises
+    ------
+    ValueError : shapes do not fit
+
+    Examples
+    --------
+    >>> many = riccati_batch([[[0.0]], [[1.0]]], [[1.0]], [[1.0]], [[1.0]])
+    >>> [round(float(p), 9) for p in many.P[:, 0, 0]]
+    [1.0, 2.414213562]
+    """
+    a = read_only(A, name="A", shape=(None, None))
+    n = a.shape[-1]
+    b = read_only(B, name="B", shape=(n, None))
+    m = b.shape[-1]
+    q, r = read_only(Q, name="Q", shape=(n, n)), read_only(R, name="R", shape=(m, m))
+    cross = read_only(np.zeros((n, m)) if N is None else N, name="N", shape=(n, m))
+    batch = np.broadcast_shapes(*(x.shape[:-2] for x in (a, b, q, r, cross)))
+    a, b, q, r, cross = (np.broadcast_to(x, batch + x.shape[-2:]) for x in (a, b, q, r, cross))
+    weighted = np.linalg.solve(r, join_columns([transpose(b), transpose(cross)]))
+    A_bare = a - b @ weighted[..., n:]
+    G, Q_bare = _symmetric(b @ weighted[..., :n]), _symmetric(q - cross @ weighted[..., n:])
+    try:
+        P, rest = doubled_solution(A_bare, G, Q_bare)
+    except np.linalg.LinAlgError:
+        P, rest = np.full(a.shape, np.nan), np.full(batch, np.nan)
+    residual = relative_residual(A_bare, G, Q_bare, P)
+    solved = np.asarray((residual <= tolerance) & (rest <= 1e-6))
+    P, residual, solved = np.array(P), np.array(residual), np.array(solved)
+    redone = ~solved
+    for index in zip(*np.nonzero(redone), strict=True):
+        P[index], residual[index], solved[index] = _one_by_one(a[index], b[index], q[index], r[index], cross[index])
+    gain = np.linalg.solve(r, transpose(b) @ P + transpose(cross))
+    return RiccatiBatch(*(read_only_any(x) for x in (P, gain, residual, solved, redone)))
+
+
+def relative_residual(A: FloatArray, G: FloatArray, Q: FloatArray, P: FloatArray) -> FloatArray:
+    """Frobenius norm of Q + A'P + P A - P G P relative to the norms of its terms; (...,)."""
+    forward, quadratic = P @ A, P @ G @ P
+    rest = Q + forward + transpose(forward) - quadratic
+    size = _size(Q) + 2.0 * _size(forward) + _size(quadratic)
+    return np.asarray(_size(rest) / np.where(size > 0.0, size, 1.0))
+
+
+def _one_by_one(
+    A: FloatArray, B: FloatArray, Q: FloatArray, R: FloatArray, N: FloatArray
+) -> tuple[FloatArray, float, bool]:
+    from maglev_ctrl.errors import Status
+    from maglev_ctrl.synthesis.riccati import riccati_continuous
+
+    solution = riccati_continuous(A, B, Q, R, N)
+    return solution.P, solution.residual, solution.status is Status.SOLVED
+
+
+def _symmetric(matrix: FloatArray) -> FloatArray:
+    return np.asarray(0.5 * (matrix + transpose(matrix)))
+
+
+def _size(matrix: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.norm(matrix, axis=(-2, -1)))

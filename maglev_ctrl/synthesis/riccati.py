@@ -1,0 +1,350 @@
+"""Continuous algebraic Riccati equation, solved by several methods, refined in extended precision and checked.
+
+    A'P + P A + Q - (P B + N) R^-1 (P B + N)' = 0,  gain = R^-1 (B'P + N'),  A - B gain stable.
+
+The data are scaled by powers of two (no rounding), seeds come from an ordered Schur form and from doubling, and
+Newton steps with residuals in twice the working precision carry the best seed to the accuracy of its last digits.
+The last step bounds the forward error of the stored numbers; `condition` tells how the data's own rounding weighs.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import matrix_balance, solve_continuous_lyapunov
+
+from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only, read_only_any
+from maglev_ctrl.errors import Agreement, ModelError, Status
+from maglev_ctrl.synthesis.doubling import hamiltonian
+from maglev_ctrl.synthesis.extended import Extended, extended_solve
+from maglev_ctrl.synthesis.riccati_seeds import FALLBACK, PRIMARY, Seed
+
+EPS = float(np.finfo(float).eps)
+NEWTON_STEPS = 40
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class RiccatiSolution:
+    """Stabilising solution of a continuous Riccati equation and the evidence for it.
+
+    `P` (n, n) and `gain` (m, n), NaN where unsolved; `closed_loop_poles` (n,) of A - B gain; `residual` relative to
+    the terms of the equation (extended precision, scaled coordinates); `forward_error` relative error of `P` for the
+    data as stored; `condition` relative sensitivity of `P` to relative changes of the data (Kenney and Hewer, SIAM J.
+    Control Optim. 28 (1990) 50, upper bound); `method` the seed that won; `agreed` whether two seeds agree.
+    """
+
+    P: FloatArray
+    gain: FloatArray
+    closed_loop_poles: ComplexArray
+    residual: float
+    forward_error: float
+    condition: float
+    method: str
+    agreed: Agreement
+    status: Status
+    message: str
+
+    def require(self) -> RiccatiSolution:
+        """This solution, or the reason why there is none.
+
+        Raises
+        ------
+        ModelError : the equation was not solved
+        """
+        if self.status not in (Status.SOLVED, Status.ALMOST_SOLVED):
+            raise ModelError(f"Riccati equation: {self.status.value}; {self.message}")
+        return self
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Equation:
+    """Scaled data and the scaling back: P = scale * outer(d, d) * P_scaled with d = 1 / `states`."""
+
+    A: FloatArray
+    B: FloatArray
+    Q: FloatArray
+    R: FloatArray
+    N: FloatArray
+    A_bare: FloatArray
+    G: FloatArray
+    Q_bare: FloatArray
+    states: FloatArray
+    scale: float
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Refined:
+    P: Extended
+    gain: Extended
+    step: float
+    abscissa: float
+    method: str
+
+
+def riccati_continuous(
+    A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike, N: ArrayLike | None = None
+) -> RiccatiSolution:
+    """Stabilising solution of the continuous Riccati equation; failure is a status, never a wrong number.
+
+    Parameters
+    ----------
+    A : (n, n) state matrix
+    B : (n, m) input matrix
+    Q, R, N : (n, n), (m, m), (n, m) weights of the cost x'Qx + u'Ru + 2 x'Nu; R positive definite
+
+    Raises
+    ------
+    ValueError : shapes do not fit, Q or R is not symmetric, or R is not positive definite
+
+    Examples
+    --------
+    >>> solution = riccati_continuous([[0.0, 1.0], [0.0, 0.0]], [[0.0], [1.0]], [[1.0, 0.0], [0.0, 2.0]], [[1.0]])
+    >>> [[round(float(x), 12) for x in row] for row in solution.P]
+    [[2.0, 1.0], [1.0, 2.0]]
+    >>> solution.status.name
+    'SOLVED'
+    """
+    a, b, q, r, n = _checked(A, B, Q, R, N)
+    equation = _scaled(a, b, q, r, n)
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        seeds = _seeds(equation, PRIMARY)
+        refined = _best(equation, seeds)
+        if len(seeds) < 2 or refined is None or refined.step > 1e-12:
+            more = _seeds(equation, FALLBACK)
+            refined, seeds = _better(refined, _best(equation, more)), seeds | more
+        if refined is None:
+            return _failed(a, b, *_diagnosis(equation))
+        status, message = _unsolvable(equation, refined)
+        if status is Status.INFEASIBLE:
+            return _failed(a, b, status, message)
+        return _finished(equation, refined, _agreement(equation, seeds, refined))
+
+
+def _checked(
+    A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike, N: ArrayLike | None
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    a = read_only(A, name="A", shape=(None, None))
+    if a.ndim != 2 or a.shape[0] != a.shape[1] or not a.size:
+        raise ValueError(f"A: expected one square matrix, got shape {a.shape}")
+    states = a.shape[0]
+    b = read_only(B, name="B", shape=(states, None))
+    inputs = b.shape[-1]
+    q = read_only(Q, name="Q", shape=(states, states))
+    r = read_only(R, name="R", shape=(inputs, inputs))
+    n = read_only(np.zeros((states, inputs)) if N is None else N, name="N", shape=(states, inputs))
+    for name, matrix in (("B", b), ("Q", q), ("R", r), ("N", n)):
+        if matrix.ndim != 2:
+            raise ValueError(f"{name}: expected one matrix, got shape {matrix.shape}; use riccati_batch for many")
+    for name, matrix in (("Q", q), ("R", r)):
+        if np.linalg.norm(matrix - matrix.T) > 1e-10 * np.linalg.norm(matrix):
+            raise ValueError(f"{name}: expected a symmetric matrix")
+    try:
+        np.linalg.cholesky(0.5 * (r + r.T))
+    except np.linalg.LinAlgError:
+        raise ValueError("R: expected a positive definite matrix") from None
+    return a, b, 0.5 * (q + q.T), 0.5 * (r + r.T), n
+
+
+def _scaled(A: FloatArray, B: FloatArray, Q: FloatArray, R: FloatArray, N: FloatArray) -> _Equation:
+    """Balance the Hamiltonian by a symplectic diagonal and level Q against G; powers of two only."""
+    A_bare, G, Q_bare = _without_cross_weight(A, B, Q, R, N)
+    size = A.shape[0]
+    magnitude = np.abs(hamiltonian(A_bare, G, Q_bare))
+    np.fill_diagonal(magnitude, 0.0)
+    _, (balance, _) = matrix_balance(magnitude, separate=True, permute=False)
+    ratio = np.log2(balance[:size] / balance[size:])
+    states = np.exp2(np.round(0.5 * ratio))
+    heavy, strong = np.linalg.norm(Q_bare * np.outer(states, states)), np.linalg.norm(G / np.outer(states, states))
+    level = 2.0 * np.round(0.25 * np.log2(heavy / strong)) if heavy > 0.0 and strong > 0.0 else 0.0
+    scale = float(np.exp2(level))
+    a = A * states / states[:, None]
+    b, q, r, n = B / states[:, None], Q * np.outer(states, states) / scale, R / scale, N * states[:, None] / scale
+    return _Equation(a, b, q, r, n, *_without_cross_weight(a, b, q, r, n), states, scale)
+
+
+def _without_cross_weight(
+    A: FloatArray, B: FloatArray, Q: FloatArray, R: FloatArray, N: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    G, Q_bare = B @ np.linalg.solve(R, B.T), Q - N @ np.linalg.solve(R, N.T)
+    return A - B @ np.linalg.solve(R, N.T), 0.5 * (G + G.T), 0.5 * (Q_bare + Q_bare.T)
+
+
+def _seeds(equation: _Equation, methods: dict[str, Seed]) -> dict[str, FloatArray]:
+    found: dict[str, FloatArray] = {}
+    for name, seed in methods.items():
+        try:
+            P = seed(equation.A_bare, equation.B, equation.Q_bare, equation.R, equation.G)
+        except (np.linalg.LinAlgError, ValueError):
+            continue
+        if np.all(np.isfinite(P)) and _abscissa(equation.A_bare - equation.G @ P) < 0.0:
+            found[name] = P
+    return found
+
+
+def _agreement(equation: _Equation, seeds: dict[str, FloatArray], refined: _Refined) -> Agreement:
+    """Two seeds lie as near the refined solution as rounding of the data explains, or are led there by Newton steps."""
+    P = refined.P.high
+    allowed = max(1e-8, min(1e-3, 1e3 * EPS * _condition(equation, P)))
+    count = 0
+    for name, seed in seeds.items():
+        close = np.linalg.norm(seed - P) <= allowed * np.linalg.norm(P)
+        if not close and (led := _refine(equation, seed, name)) is not None:
+            close = np.linalg.norm(led.P.high - P) <= 1e-10 * np.linalg.norm(P)
+        count += bool(close)
+    return Agreement.AGREED if count >= 2 else Agreement.UNRESOLVED
+
+
+def _unsolvable(equation: _Equation, refined: _Refined) -> tuple[Status, str]:
+    """A closed loop that is all but neutral may be rounding's answer to a problem without one."""
+    size = float(np.linalg.norm(equation.A_bare, 2))
+    if refined.abscissa < -1e-6 * size:
+        return Status.SOLVED, ""
+    status, message = _diagnosis(equation)
+    if refined.step <= 1e-12 and "Hamiltonian" in message:
+        return Status.SOLVED, ""  # Newton's method converged at full speed: the poles are near the axis, not on it
+    return status, message
+
+
+def _best(equation: _Equation, seeds: dict[str, FloatArray]) -> _Refined | None:
+    """Refine seeds in order of their residual until one converges."""
+    best: _Refined | None = None
+    size = {name: float(np.linalg.norm(_residual(equation, Extended.of(P))[0].high)) for name, P in seeds.items()}
+    for name in sorted(size, key=lambda name: size[name]):
+        best = _better(best, _refine(equation, seeds[name], name))
+        if best is not None and best.step <= 1e-15:
+            break
+    return best
+
+
+def _better(first: _Refined | None, second: _Refined | None) -> _Refined | None:
+    if first is None or second is None:
+        return first or second
+    return first if first.step <= second.step else second
+
+
+def _residual(equation: _Equation, P: Extended) -> tuple[Extended, Extended]:
+    """Residual of the equation and the gain, both in extended precision."""
+    cross = P @ Extended.of(equation.B) + Extended.of(equation.N)
+    gain = extended_solve(equation.R, cross.T)
+    forward = P @ Extended.of(equation.A)
+    rest = Extended.of(equation.Q) + (forward + forward.T) - cross @ gain
+    return rest.symmetric(), gain
+
+
+def _refine(equation: _Equation, seed: FloatArray, method: str) -> _Refined | None:
+    """Newton's method (Kleinman, IEEE TAC 13 (1968) 114) on a correction of P, kept as a pair."""
+    P, last = Extended.of(seed), np.inf
+    best: _Refined | None = None
+    for _ in range(NEWTON_STEPS):
+        rest, gain = _residual(equation, P)
+        closed = equation.A - equation.B @ gain.high
+        abscissa = _abscissa(closed)
+        if not abscissa < 0.0:
+            break
+        correction = np.asarray(solve_continuous_lyapunov(closed.T, -rest.high), dtype=float)
+        size = float(np.linalg.norm(P.high))
+        step = float(np.linalg.norm(correction)) / size if size > 0.0 else float(np.linalg.norm(correction))
+        if not np.isfinite(step):
+            break
+        if best is None or step < best.step:
+            best = _Refined(P, gain, step, abscissa, method)
+        if step <= EPS**1.5 or (step < 1e-9 and step > 0.5 * last):
+            break
+        P, last = (P + Extended.of(0.5 * (correction + correction.T))).symmetric(), step
+    return best
+
+
+def _finished(equation: _Equation, refined: _Refined, agreed: Agreement) -> RiccatiSolution:
+    back = 1.0 / equation.states
+    P = equation.scale * refined.P.high * np.outer(back, back)
+    gain = refined.gain.high * back
+    poles = np.linalg.eigvals(equation.A - equation.B @ refined.gain.high)
+    stored = Extended.of(refined.P.high)
+    rest, _ = _residual(equation, stored)
+    residual = float(np.linalg.norm(rest.high)) / _size_of_terms(equation, stored.high)
+    condition = _condition(equation, stored.high)
+    error = max(refined.step, 0.5 * EPS)
+    status, message = _verdict(refined, error, condition, agreed)
+    return RiccatiSolution(
+        P=read_only(0.5 * (P + P.T), name="P"),
+        gain=read_only(gain, name="gain"),
+        closed_loop_poles=read_only_any(poles.astype(complex)),
+        residual=residual,
+        forward_error=error,
+        condition=condition,
+        method=refined.method,
+        agreed=agreed,
+        status=status,
+        message=message,
+    )
+
+
+def _verdict(refined: _Refined, error: float, condition: float, agreed: Agreement) -> tuple[Status, str]:
+    sensitivity = condition * EPS
+    if error > 1e-3:
+        return Status.NUMERICAL_ERROR, f"Newton's method stalled at relative step {error:.1e}"
+    if error > 1e-10:
+        return Status.ALMOST_SOLVED, f"relative error of P about {error:.1e}"
+    if not sensitivity <= 1e-3:
+        return Status.ALMOST_SOLVED, f"rounding of the data alone changes P by about {sensitivity:.1e}"
+    if agreed is Agreement.UNRESOLVED:
+        return Status.SOLVED, f"only the seed by {refined.method} was good; Newton's method vouches for the solution"
+    return Status.SOLVED, ""
+
+
+def _failed(A: FloatArray, B: FloatArray, status: Status, message: str) -> RiccatiSolution:
+    n, m = A.shape[0], B.shape[1]
+    return RiccatiSolution(
+        P=read_only_any(np.full((n, n), np.nan)),
+        gain=read_only_any(np.full((m, n), np.nan)),
+        closed_loop_poles=read_only_any(np.full(n, np.nan, dtype=complex)),
+        residual=np.inf, forward_error=np.inf, condition=np.inf,
+        method="none", agreed=Agreement.UNRESOLVED, status=status, message=message,
+    )  # fmt: skip
+
+
+def _diagnosis(equation: _Equation) -> tuple[Status, str]:
+    """Which condition for a stabilising solution is broken: one uncontrollable or one unseen mode."""
+    n = equation.A.shape[0]
+    size = float(np.linalg.norm(equation.A_bare, 2)) + 1e-300
+    for value in np.linalg.eigvals(equation.A_bare):
+        shifted = equation.A_bare - value * np.eye(n)
+        if value.real >= -1e-9 * size:
+            reach = np.linalg.svd(np.hstack([shifted, equation.B]), compute_uv=False)[-1]
+            if reach <= 1e-9 * size:
+                return Status.INFEASIBLE, f"the inputs cannot move the mode at {value:.4g} rad/s"
+        if abs(value.real) <= 1e-7 * size:
+            seen = np.linalg.svd(np.vstack([shifted, equation.Q_bare]), compute_uv=False)[-1]
+            if seen <= 1e-9 * size:
+                return Status.INFEASIBLE, f"the weights do not see the neutral mode at {value:.4g} rad/s"
+    poles = np.linalg.eigvals(hamiltonian(equation.A_bare, equation.G, equation.Q_bare))
+    nearest = float(np.min(np.abs(poles.real)))
+    if nearest <= 1e-7 * float(np.max(np.abs(poles))):
+        return Status.INFEASIBLE, "the Hamiltonian has eigenvalues on the imaginary axis: no stabilising solution"
+    return Status.NUMERICAL_ERROR, "no method gave a stabilising solution"
+
+
+def _condition(equation: _Equation, P: FloatArray) -> float:
+    """Kenney-Hewer upper bound in the scaled coordinates, two Lyapunov equations."""
+    closed = equation.A_bare - equation.G @ P
+    size = float(np.linalg.norm(P, 2))
+    if size == 0.0:
+        return 1.0
+    inner = float(np.linalg.norm(solve_continuous_lyapunov(closed.T, -np.eye(P.shape[0])), 2))
+    outer = float(np.linalg.norm(solve_continuous_lyapunov(closed.T, -P @ P), 2))
+    A, G, Q = (float(np.linalg.norm(x, 2)) for x in (equation.A_bare, equation.G, equation.Q_bare))
+    return float(inner * Q + 2.0 * np.sqrt(inner * outer) * A + outer * G) / size
+
+
+def _size_of_terms(equation: _Equation, P: FloatArray) -> float:
+    forward, quadratic = P @ equation.A_bare, P @ equation.G @ P
+    total = np.linalg.norm(equation.Q_bare) + 2.0 * np.linalg.norm(forward) + np.linalg.norm(quadratic)
+    return float(total) if total > 0.0 else 1.0
+
+
+def _abscissa(matrix: FloatArray) -> float:
+    return float(np.max(np.linalg.eigvals(matrix).real))
