@@ -92,15 +92,24 @@ class MagnetForces:
     drag: FloatArray
 
     def __post_init__(self) -> None:
-        shape = np.broadcast_shapes(*(np.shape(part) for part in (self.lift, self.guidance, self.drag)))
-        for name in ("lift", "guidance", "drag"):
-            part = np.broadcast_to(np.asarray(getattr(self, name), dtype=np.float64), shape)
-            object.__setattr__(self, name, read_only(part, name=name))
+        parts = [np.asarray(getattr(self, name), dtype=np.float64) for name in ("lift", "guidance", "drag")]
+        shape = np.broadcast_shapes(*(part.shape for part in parts))
+        for name, part in zip(("lift", "guidance", "drag"), parts, strict=True):
+            object.__setattr__(self, name, _settled(part, shape=shape, name=name))
 
     def scaled(self, factor: ArrayLike) -> MagnetForces:
         """Every force times `factor` (...)."""
         share = np.asarray(factor, dtype=np.float64)
         return MagnetForces(lift=share * self.lift, guidance=share * self.guidance, drag=share * self.drag)
+
+
+def _settled(part: FloatArray, *, shape: tuple[int, ...], name: str) -> FloatArray:
+    """A read-only array of the shape; one that already is, and owns its data, is shared and not copied."""
+    if part.shape != shape:
+        part = np.broadcast_to(part, shape)
+    elif part.base is None and not part.flags.writeable:
+        return part
+    return read_only(part, name=name)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -137,7 +146,7 @@ def no_forces(shape: tuple[int, ...]) -> MagnetForces:
     >>> no_forces((2,)).lift.tolist()
     [0.0, 0.0]
     """
-    zero = np.zeros(shape)
+    zero = read_only(np.zeros(shape), name="zero")
     return MagnetForces(lift=zero, guidance=zero, drag=zero)
 
 

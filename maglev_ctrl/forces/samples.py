@@ -40,6 +40,11 @@ def as_samples(
     Raises
     ------
     ValueError : shapes that do not match, NaN, heights that are not positive, doubled or unsorted points
+
+    Examples
+    --------
+    >>> as_samples([0.01, 0.02], None, 30.0, lift=[2.0, 1.0], guidance=None, drag=[1.0, 0.5]).points.tolist()
+    [[0.01, 0.0, 30.0], [0.02, 0.0, 30.0]]
     """
     if guidance is not None and gap is None:
         raise ValueError("gap: a table with guidance needs the gap it was measured at, got None")
@@ -63,6 +68,13 @@ def as_grid(samples: Samples) -> tuple[tuple[FloatArray, ...], FloatArray]:
     Raises
     ------
     ValueError : a combination is missing
+
+    Examples
+    --------
+    >>> rows = as_samples([0.02, 0.01], None, 30.0, lift=[1.0, 2.0], guidance=None, drag=[0.5, 1.0])
+    >>> axes, values = as_grid(rows)
+    >>> axes[0].tolist(), values[:, 0, 0, 0].tolist()
+    ([0.01, 0.02], [2.0, 1.0])
     """
     found = [np.unique(column, return_inverse=True) for column in samples.points.T]
     axes = tuple(axis for axis, _ in found)

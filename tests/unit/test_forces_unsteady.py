@@ -29,11 +29,11 @@ def test_a_lag_instead_of_a_lead_is_caught() -> None:
 def test_errors_are_those_of_many_repeated_measurements() -> None:
     rng = np.random.default_rng(7)
     a, psi, k, w = 90.0, 2.1, -140.0, 12.0
-    errors = {"amplitude_error": 0.9, "phase_error": 0.01, "stiffness_error": 1.5}
+    errors = {"amplitude_error": 0.3, "phase_error": 0.01, "stiffness_error": 1.5}
     stated = coefficients_from_oscillation(a, psi, frequency=w, stiffness=k, **errors)
     count = 40_000
     drawn = coefficients_from_oscillation(
-        a + 0.9 * rng.standard_normal(count),
+        a + 0.3 * rng.standard_normal(count),
         psi + 0.01 * rng.standard_normal(count),
         frequency=w,
         stiffness=k + 1.5 * rng.standard_normal(count),
