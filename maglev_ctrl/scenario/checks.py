@@ -1,0 +1,182 @@
+"""What no single field can know: sweeps, forces, requirements and the vehicle looked at together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from maglev_ctrl.scenario.checks_options import option_faults
+from maglev_ctrl.scenario.force_schema import CoefficientForces, ImageForces, TableForces
+from maglev_ctrl.scenario.layout import BOGIES, CAR, GUIDEWAY, Layout, layout
+from maglev_ctrl.scenario.problems import Fault, KeyPath
+from maglev_ctrl.scenario.scenario_schema import AnySweep, Scenario
+from maglev_ctrl.scenario.vehicle_schema import Bogie, Car, DoubleL, SixDof, TwoStage, VehicleRecord
+
+MAP_LIMIT = 250_000
+_INERTIAS = {"roll": "roll_inertia", "pitch": "pitch_inertia", "yaw": "yaw_inertia"}
+
+
+def faults_in(scenario: Scenario) -> list[Fault]:
+    """Every fault that takes more than one field to see."""
+    here = layout(scenario.vehicle)
+    faults = [
+        *_vehicle_faults(scenario.vehicle),
+        *_force_faults(scenario, here),
+        *_operating_faults(scenario, here),
+        *_periodic_faults(scenario),
+        *_requirement_faults(scenario),
+        *doubled(("option",), [option.name for option in scenario.options], noun="option"),
+    ]
+    for index, option in enumerate(scenario.options):
+        faults.extend(option_faults(option, here, path=("option", index)))
+    return faults
+
+
+def doubled(path: KeyPath, names: Sequence[str], *, noun: str) -> Iterator[Fault]:
+    """A fault for each name that an earlier item of the same list already has."""
+    for index, name in enumerate(names):
+        if name in names[:index]:
+            yield Fault((*path, index, "name"), f'expected a unique name; an earlier {noun} is called "{name}" too')
+
+
+def _vehicle_faults(vehicle: VehicleRecord) -> Iterator[Fault]:
+    car_freedoms = dict(layout(vehicle).bodies)[CAR]
+    yield from _inertia_faults(vehicle.car, car_freedoms, path=("vehicle", "car"))
+    if isinstance(vehicle, SixDof | TwoStage):
+        yield from _freedom_faults(vehicle.freedom, path=("vehicle", "freedom"))
+    if not isinstance(vehicle, TwoStage):
+        return
+    yield from doubled(("vehicle", "bogie"), [bogie.name for bogie in vehicle.bogies], noun="bogie")
+    for index, bogie in enumerate(vehicle.bogies):
+        path: KeyPath = ("vehicle", "bogie", index)
+        if bogie.name in (CAR, GUIDEWAY, BOGIES):
+            yield Fault((*path, "name"), f'expected a name other than "{bogie.name}", which has a meaning of its own')
+        yield from _freedom_faults(bogie.freedom, path=(*path, "freedom"))
+        yield from _inertia_faults(bogie, bogie.freedom, path=path)
+    if vehicle.secondary.half_spacing < 0.0:
+        yield Fault(("vehicle", "secondary", "half_spacing"), "expected a length of zero or more")
+
+
+def _freedom_faults(freedoms: tuple[str, ...], *, path: KeyPath) -> Iterator[Fault]:
+    for index, freedom in enumerate(freedoms):
+        if freedom in freedoms[:index]:
+            yield Fault((*path, index), f'"{freedom}" is named twice')
+
+
+def _inertia_faults(body: Car | Bogie, freedoms: tuple[str, ...], *, path: KeyPath) -> Iterator[Fault]:
+    for freedom, key in _INERTIAS.items():
+        if freedom in freedoms and getattr(body, key) is None:
+            yield Fault(
+                (*path, key),
+                f'missing; expected a moment of inertia with its unit, for example "2.8e7 kg*m^2", '
+                f'because {freedom} is free',
+            )  # fmt: skip
+
+
+def _force_faults(scenario: Scenario, here: Layout) -> Iterator[Fault]:
+    forces, vehicle = scenario.forces, scenario.vehicle
+    if not isinstance(forces, CoefficientForces) and not here.magnets:
+        yield Fault(
+            ("vehicle", "magnets"),
+            f'missing; expected the magnets\' count and length, because forces.model is "{forces.model}"',
+        )
+    match forces:
+        case ImageForces():
+            if forces.vertical_velocity == "receding_image" and forces.exponent != 1.0:
+                yield Fault(("forces", "exponent"), f'expected 1 with "receding_image", got {forces.exponent:g}')
+            if (forces.current is None) != (forces.length is None):
+                key = "length" if forces.length is None else "current"
+                yield Fault(("forces", key), "missing; current and length belong together")
+            if isinstance(vehicle, DoubleL):
+                yield Fault(
+                    ("forces", "model"), 'expected "table" or "coefficients": a double_l needs guidance forces, and '
+                    "image forces have none",
+                )  # fmt: skip
+        case CoefficientForces():
+            yield from _matrix_faults(forces)
+        case TableForces():
+            pass
+
+
+def _matrix_faults(forces: CoefficientForces) -> Iterator[Fault]:
+    expected = len(forces.speeds) or 1
+    for key in ("mass", "damping", "stiffness"):
+        got = len(getattr(forces, key))
+        if got != expected:
+            why = "one per speed" if forces.speeds else "because no speeds are given"
+            yield Fault(("forces", key), f"expected {expected} matrix(es), {why}, got {got}")
+    for index, (one, after) in enumerate(zip(forces.speeds, forces.speeds[1:], strict=False)):
+        if after <= one:
+            yield Fault(("forces", "speeds", index + 1), "expected increasing speeds")
+
+
+def _operating_faults(scenario: Scenario, here: Layout) -> Iterator[Fault]:
+    operating = scenario.operating
+    sweeps: dict[str, AnySweep | None] = {
+        name: getattr(operating.sweep, name) for name in type(operating.sweep).model_fields
+    }
+    for name, sweep in sweeps.items():
+        if sweep is not None:
+            yield from _sweep_faults(sweep, path=("operating", "sweep", name))
+    if here.has_walls and operating.gap is None:
+        yield Fault(
+            ("operating", "gap"),
+            'missing; expected a length with its unit, for example "12.7 mm", because magnets face a guidance wall',
+        )
+    if not here.has_walls:
+        needless: list[tuple[KeyPath, bool]] = [
+            (("operating", "gap"), operating.gap is not None),
+            (("operating", "sweep", "gap"), operating.sweep.gap is not None),
+        ]
+        for path, given in needless:
+            if given and not isinstance(scenario.forces, CoefficientForces | TableForces):
+                yield Fault(path, "no magnet faces a guidance wall, so there is no gap; remove it", at_key=True)
+
+
+def _sweep_faults(sweep: AnySweep, *, path: KeyPath) -> Iterator[Fault]:
+    if not sweep.first < sweep.last:
+        yield Fault((*path, "to"), 'expected a value above that of "from"; an empty sweep has nothing to show')
+
+
+def _periodic_faults(scenario: Scenario) -> Iterator[Fault]:
+    periodic = scenario.periodic
+    if periodic is None:
+        return
+    grid = periodic.map
+    for name, sweep in (("speed", grid.speed), ("depth", grid.depth)):
+        yield from _sweep_faults(sweep, path=("periodic", "map", name))
+    if grid.speed.count * grid.depth.count > MAP_LIMIT:
+        yield Fault(
+            ("periodic", "map"), f"expected at most {MAP_LIMIT} points, got {grid.speed.count * grid.depth.count}"
+        )
+    if not any(periodic.harmonics):
+        yield Fault(("periodic", "harmonics"), "expected at least one harmonic that is not zero")
+
+
+def _requirement_faults(scenario: Scenario) -> Iterator[Fault]:
+    requirements, sweep = scenario.requirements, scenario.operating.sweep
+    yield from doubled(("requirement",), [requirement.name for requirement in requirements], noun="requirement")
+    for index, requirement in enumerate(requirements):
+        path: KeyPath = ("requirement", index)
+        given = [key for key in ("at_least", "at_most") if getattr(requirement, key) is not None]
+        if len(given) != 1:
+            got = "both" if given else "none"
+            yield Fault(path, f"expected exactly one limit, at_least or at_most, got {got}")
+        needs_map = requirement.quantity == "modulation_ratio"
+        if needs_map and scenario.periodic is None:
+            yield Fault((*path, "quantity"), "modulation_ratio needs the table [periodic]")
+        swept = requirement.quantity in ("growth_rate", "damping_ratio", "speed_margin")
+        if swept and requirement.over != "nominal" and getattr(sweep, requirement.over) is None:
+            given_over = "over" in requirement.model_fields_set
+            yield Fault(
+                (*path, "over") if given_over else path,
+                f'judged over "{requirement.over}", but operating.sweep.{requirement.over} is missing; '
+                'add the sweep, or write over = "nominal"',
+            )
+
+
+def table_faults(scenario: Scenario, here: Layout, *, has_gap: bool) -> Iterator[Fault]:
+    """Faults between a force table, already read, and the vehicle that uses it."""
+    if here.has_walls and not has_gap:
+        yield Fault(("forces", "file"), "expected columns gap and guidance, because magnets face a guidance wall")
+    elif has_gap and scenario.operating.gap is None:
+        yield Fault(("operating", "gap"), "missing; expected the gap at which the force table is read")

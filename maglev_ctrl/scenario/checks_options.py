@@ -1,0 +1,208 @@
+"""Faults inside one suspension option: what its elements join, and what its control law may name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from maglev_ctrl.scenario.layout import (
+    BOGIES,
+    GUIDEWAY,
+    Layout,
+    outputs_of,
+    place_element,
+    place_sensor,
+)
+from maglev_ctrl.scenario.option_schema import (
+    ActuatorRecord,
+    Lqg,
+    Lqr,
+    OptionRecord,
+    SensorRecord,
+    SkyHook,
+    SpringDamperRecord,
+)
+from maglev_ctrl.scenario.problems import Fault, KeyPath, near_match
+from maglev_ctrl.scenario.units import describe, dimensions_of
+
+# kind: (may have passive elements, may have actuators, every element's attachment)
+_KINDS: dict[str, tuple[bool, bool, str]] = {
+    "baseline": (False, False, "any"),
+    "passive_primary": (True, False, "primary"),
+    "active_primary": (False, True, "primary"),
+    "passive_secondary": (True, False, "secondary"),
+    "active_secondary": (False, True, "secondary"),
+    "combined": (True, True, "any"),
+}
+
+
+def option_faults(option: OptionRecord, here: Layout, *, path: KeyPath) -> Iterator[Fault]:
+    """Every fault of one option; names are checked before what builds on them."""
+    ends = list(_end_faults(option, here, path=path))
+    yield from ends
+    yield from _kind_faults(option, path=path)
+    if ends:
+        return
+    yield from _name_faults(option, here, path=path)
+    yield from _effect_faults(option, path=path)
+    if option.control is None:
+        if option.actuators:
+            yield Fault(
+                (*path, "control"), "missing; expected a control law ([option.control]) that drives the actuators"
+            )
+        return
+    if not option.actuators:
+        yield Fault((*path, "control"), "expected at least one [[option.actuator]] for the law to drive", at_key=True)
+        return
+    match option.control:
+        case Lqr() | Lqg():
+            yield from _weight_faults(option, option.control, here, path=(*path, "control"))
+        case SkyHook():
+            yield from _sky_hook_faults(option, option.control, here, path=(*path, "control"))
+    if isinstance(option.control, Lqg):
+        yield from _noise_faults(option, path=path)
+
+
+def _elements(option: OptionRecord) -> Iterator[tuple[str, int, SpringDamperRecord | ActuatorRecord]]:
+    for index, spring in enumerate(option.spring_dampers):
+        yield "spring_damper", index, spring
+    for index, actuator in enumerate(option.actuators):
+        yield "actuator", index, actuator
+
+
+def _end_faults(option: OptionRecord, here: Layout, *, path: KeyPath) -> Iterator[Fault]:
+    for key, index, element in _elements(option):
+        place: KeyPath = (*path, key, index, "between")
+        for position, end in enumerate(element.between):
+            if end not in here.ends():
+                yield Fault((*place, position), f'no body is called "{end}"{near_match(end, here.ends())}')
+        if element.between[0] == element.between[1]:
+            yield Fault(place, "expected two different ends")
+        elif BOGIES in element.between and set(element.between) & set(dict(here.bogies)):
+            yield Fault(place, 'expected "bogies" together with "car" or "guideway", not with one bogie')
+    carriers = tuple(end for end in here.ends() if end != GUIDEWAY)
+    for index, sensor in enumerate(option.sensors):
+        spot: KeyPath = (*path, "sensor", index)
+        if sensor.on not in carriers:
+            yield Fault((*spot, "on"), f'no body is called "{sensor.on}"{near_match(sensor.on, carriers)}')
+        if sensor.at == BOGIES and not here.bogies:
+            yield Fault((*spot, "at"), "this vehicle has no bogies; expected a length")
+        if sensor.kind == "stroke" and sensor.to not in carriers:
+            yield Fault((*spot, "to"), f'no body is called "{sensor.to}"{near_match(sensor.to, carriers)}')
+        elif sensor.kind == "stroke" and sensor.to == sensor.on:
+            yield Fault((*spot, "to"), "expected another body than the one it is on")
+
+
+def _kind_faults(option: OptionRecord, *, path: KeyPath) -> Iterator[Fault]:
+    passive, active, attachment = _KINDS[option.kind]
+    if option.spring_dampers and not passive:
+        yield Fault(
+            (*path, "spring_damper"), f'a "{option.kind}" option has no spring_damper; did you mean "combined"?'
+        )
+    if option.actuators and not active:
+        yield Fault((*path, "actuator"), f'a "{option.kind}" option has no actuator; did you mean "combined"?')
+    if (passive or active) and not (option.spring_dampers or option.actuators):
+        wanted = "spring_damper" if passive else "actuator"
+        yield Fault((*path, wanted), f'missing; a "{option.kind}" option expects at least one')
+    for key, index, element in _elements(option):
+        primary = GUIDEWAY in element.between
+        if attachment != "any" and primary != (attachment == "primary"):
+            expected = 'one end "guideway"' if attachment == "primary" else "two bodies"
+            yield Fault((*path, key, index, "between"), f'expected {expected} in a "{option.kind}" option')
+
+
+def _name_faults(option: OptionRecord, here: Layout, *, path: KeyPath) -> Iterator[Fault]:
+    used: dict[str, str] = dict.fromkeys(here.body_names, "a body")
+    used |= dict.fromkeys((magnet.name for magnet in here.magnets), "a magnet")
+    used |= dict.fromkeys((*here.springs, "secondary"), "the secondary suspension")
+    used |= dict.fromkeys(("aerodynamics", "magnet_gap", "geometry", GUIDEWAY, BOGIES), "a built-in part")
+    placed = [
+        *(((key, index), e.name, place_element(e, here)) for key, index, e in _elements(option)),
+        *((("sensor", index), s.name, place_sensor(s, here)) for index, s in enumerate(option.sensors)),
+    ]
+    for (key, index), name, places in placed:
+        names = {name, *(place.name for place in places)}
+        taken = sorted(names & set(used))
+        if taken:
+            yield Fault(
+                (*path, key, index, "name"),
+                f'expected a unique name; {used[taken[0]]} of this option is called "{taken[0]}" too',
+            )
+        used |= dict.fromkeys(names, "another element")
+
+
+def _effect_faults(option: OptionRecord, *, path: KeyPath) -> Iterator[Fault]:
+    for index, spring in enumerate(option.spring_dampers):
+        if spring.stiffness == 0.0 and spring.damping == 0.0:
+            yield Fault((*path, "spring_damper", index), "expected a stiffness or a damping other than zero")
+
+
+def _weight_faults(option: OptionRecord, law: Lqr | Lqg, here: Layout, *, path: KeyPath) -> Iterator[Fault]:
+    outputs = outputs_of(option, here)
+    actuators = {actuator.name for actuator in option.actuators}
+    newton = dimensions_of("N")
+    weighted: set[str] = set()
+    named: list[str] = []
+    for index, item in enumerate(law.allowed):
+        place: KeyPath = (*path, "allowed", index)
+        if (item.output is None) == (item.actuator is None):
+            yield Fault(place, "expected exactly one of output and actuator")
+            continue
+        name = item.output or item.actuator or ""
+        if item.actuator is not None:
+            weighted.add(item.actuator)
+            if item.actuator not in actuators:
+                yield Fault((*place, "actuator"), f'no actuator is called "{name}"{near_match(name, actuators)}')
+                continue
+            dimensions, example = newton, "a force"
+        else:
+            if item.output not in outputs:
+                yield Fault((*place, "output"), f'no output is called "{name}"{_near_output(name, outputs)}')
+                continue
+            dimensions = outputs[name][0]
+            example = describe(dimensions)
+        if name in named:
+            yield Fault(place, f'"{name}" already has a weight')
+        named.append(name)
+        if item.value.dimensions != dimensions:
+            got = f'{describe(item.value.dimensions)}: "{item.value.text}"'
+            yield Fault((*place, "value"), f"expected {example} with its unit for {name}, got {got}")
+    for missing in sorted(actuators - weighted):
+        yield Fault((*path, "allowed"), f'expected a weight {{ actuator = "{missing}", value = ... }} as well')
+    if all(item.output is None for item in law.allowed):
+        yield Fault((*path, "allowed"), "expected at least one { output = ..., value = ... }")
+
+
+def _near_output(name: str, outputs: Mapping[str, object]) -> str:
+    text = near_match(name, outputs)
+    if "did you mean" in text:
+        return text
+    return "; examples are " + ", ".join(list(outputs)[:6])
+
+
+def _noise_faults(option: OptionRecord, *, path: KeyPath) -> Iterator[Fault]:
+    if not option.sensors:
+        yield Fault((*path, "control"), "the law lqg measures with sensors; expected at least one [[option.sensor]]")
+    for index, sensor in enumerate(option.sensors):
+        if sensor.noise is None:
+            unit = {"velocity": "1 mm/s/Hz^0.5", "acceleration": "0.01 m/s^2/Hz^0.5"}.get(sensor.kind, "0.01 mm/Hz^0.5")
+            yield Fault(
+                (*path, "sensor", index, "noise"), f'missing; the law lqg needs a noise density, for example "{unit}"'
+            )
+
+
+def _sky_hook_faults(option: OptionRecord, law: SkyHook, here: Layout, *, path: KeyPath) -> Iterator[Fault]:
+    sensors: dict[str, SensorRecord] = {sensor.name: sensor for sensor in option.sensors}
+    sensor = sensors.get(law.sensor)
+    if sensor is None:
+        yield Fault((*path, "sensor"), f'no sensor is called "{law.sensor}"{near_match(law.sensor, sensors)}')
+        return
+    if sensor.kind not in ("velocity", "acceleration"):
+        yield Fault((*path, "sensor"), f"expected a sensor of velocity or acceleration, got one of kind {sensor.kind}")
+    driven = sum(len(place_element(actuator, here)) for actuator in option.actuators)
+    measured = len(place_sensor(sensor, here))
+    if driven != measured:
+        yield Fault(
+            (*path, "sensor"), f"expected one velocity per actuator: {driven} actuators, {measured} measurements"
+        )
+    if law.damping <= 0.0:
+        yield Fault((*path, "damping"), "expected a damping above zero")

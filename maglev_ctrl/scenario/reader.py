@@ -1,0 +1,199 @@
+"""Reading a scenario file: the only way in from TOML."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import tomllib
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from maglev_ctrl.scenario.checks import faults_in, table_faults
+from maglev_ctrl.scenario.force_schema import TableForces
+from maglev_ctrl.scenario.force_table import SIZE_LIMIT as TABLE_LIMIT
+from maglev_ctrl.scenario.force_table import ForceSamples, read_force_table
+from maglev_ctrl.scenario.layout import layout
+from maglev_ctrl.scenario.messages import faults_of
+from maglev_ctrl.scenario.problems import Fault, Problem, ScenarioProblems
+from maglev_ctrl.scenario.scenario_schema import Origin, Scenario, with_origin
+from maglev_ctrl.scenario.units import Quantity
+
+SIZE_LIMIT = 2**20
+LINE_LIMIT = 20_000
+DEPTH_LIMIT = 12
+_AT = re.compile(r"\s*\(at line (\d+), column (\d+)\)")
+
+
+def load(path: str | Path) -> Scenario:
+    """The scenario in a TOML file, checked as a whole.
+
+    Parameters
+    ----------
+    path : the file; data files it names are looked for in its folder
+
+    Raises
+    ------
+    ScenarioProblems : a ScenarioError with every fault found, one line each: file:line:column: key: what was expected
+    """
+    file = Path(path)
+    text = _text(file, shown=str(path))
+    data = _parse(text, shown=str(path))
+    try:
+        scenario = Scenario.model_validate(data)
+    except ValidationError as error:
+        raise _placed(str(path), text, faults_of(error, data)) from None
+    faults = faults_in(scenario)
+    content, samples = b"", None
+    elsewhere: list[Problem] = []
+    if isinstance(scenario.forces, TableForces):
+        try:
+            content, samples = _force_table(scenario.forces, file)
+            faults.extend(table_faults(scenario, layout(scenario.vehicle), has_gap=samples.gap is not None))
+        except ValueError as error:
+            faults.append(Fault(("forces", "file"), str(error)))
+        except ScenarioProblems as error:
+            elsewhere = [replace(problem, file=error.file) for problem in error.problems]
+    if faults or elsewhere:
+        raise _placed(str(path), text, faults, elsewhere)
+    return with_origin(scenario, Origin(file, text, _fingerprint(scenario, content), samples))
+
+
+def _placed(shown: str, text: str, faults: list[Fault], elsewhere: list[Problem] | None = None) -> ScenarioProblems:
+    from maglev_ctrl.scenario.locate import place_faults
+
+    return ScenarioProblems(shown, [*place_faults(text, faults), *(elsewhere or [])])
+
+
+def _text(file: Path, *, shown: str) -> str:
+    try:
+        if file.is_dir():
+            raise ScenarioProblems(shown, [Problem(0, 0, "", "expected a scenario file, got a folder")])
+        with file.open("rb") as stream:
+            content = stream.read(SIZE_LIMIT + 1)
+    except FileNotFoundError:
+        raise ScenarioProblems(
+            shown, [Problem(0, 0, "", "no such file; `maglev-ctrl new NAME` writes one to start from")]
+        ) from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise ScenarioProblems(shown, [Problem(0, 0, "", f"cannot be read: {reason}")]) from None
+    if len(content) > SIZE_LIMIT:
+        raise ScenarioProblems(shown, [Problem(0, 0, "", "expected at most 1 MiB of text")])
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        before = content[: error.start]
+        line, column = before.count(b"\n") + 1, error.start - before.rfind(b"\n")
+        raise ScenarioProblems(shown, [Problem(line, column, "", "expected UTF-8 text")]) from None
+    for number, line_text in enumerate(text.splitlines(), start=1):
+        if len(line_text) > LINE_LIMIT:
+            raise ScenarioProblems(
+                shown, [Problem(number, 1, "", f"expected lines of at most {LINE_LIMIT} characters")]
+            )
+    return text
+
+
+def _parse(text: str, *, shown: str) -> dict[str, Any]:
+    try:
+        data = tomllib.loads(text)
+    except RecursionError:
+        raise ScenarioProblems(shown, [_too_deep()]) from None
+    except ValueError as error:
+        raise ScenarioProblems(shown, [_syntax_problem(str(error), text)]) from None
+    if _depth_exceeds(data, DEPTH_LIMIT):
+        raise ScenarioProblems(shown, [_too_deep()])
+    return data
+
+
+def _too_deep() -> Problem:
+    return Problem(0, 0, "", f"expected tables and lists nested at most {DEPTH_LIMIT} deep")
+
+
+def _syntax_problem(message: str, text: str) -> Problem:
+    match = _AT.search(message)
+    lines = text.split("\n")
+    line, column = (int(match[1]), int(match[2])) if match else (len(lines), len(lines[-1]) + 1)
+    reason = _AT.sub("", message).replace(" (at end of document)", "")
+    hint = "; the file ends too early" if "end of document" in message else ""
+    if "Invalid value" in message:
+        hint = '; a quantity is a text in quotes, for example "0.2 m"'
+    return Problem(line, column, "", f"expected valid TOML: {reason[:1].lower()}{reason[1:]}{hint}")
+
+
+def _depth_exceeds(data: object, limit: int) -> bool:
+    layer: list[object] = [data]
+    for _ in range(limit):
+        layer = [
+            inner
+            for value in layer
+            if isinstance(value, dict | list)
+            for inner in (value.values() if isinstance(value, dict) else value)
+        ]
+        if not layer:
+            return False
+    return any(isinstance(value, dict | list) for value in layer)
+
+
+def _force_table(forces: TableForces, scenario_file: Path) -> tuple[bytes, ForceSamples]:
+    """Content and samples of the table; the file has to lie in the scenario's folder or below it.
+
+    Raises
+    ------
+    ValueError : the file is missing, elsewhere, or too large
+    ScenarioProblems : the table itself is wrong
+    """
+    folder = scenario_file.resolve().parent
+    wanted = Path(forces.file)
+    target = (folder / wanted).resolve()
+    if wanted.is_absolute() or not target.is_relative_to(folder):
+        raise ValueError(f'expected a file in the scenario\'s folder or below it, got "{forces.file}"')
+    if not target.is_file():
+        raise ValueError(f'no file "{forces.file}" beside the scenario{_near_file(target)}')
+    try:
+        with target.open("rb") as stream:
+            content = stream.read(TABLE_LIMIT + 1)
+    except OSError as error:
+        raise ValueError(f'"{forces.file}" cannot be read: {error.strerror}') from None
+    if len(content) > TABLE_LIMIT:
+        raise ValueError(f'"{forces.file}": expected at most 16 MiB')
+    return content, read_force_table(content, shown=str(scenario_file.parent / wanted))
+
+
+def _near_file(target: Path) -> str:
+    from difflib import get_close_matches
+
+    if not target.parent.is_dir():
+        return ""
+    near = get_close_matches(target.name, sorted(p.name for p in target.parent.glob("*.csv")), n=1)
+    return f'; did you mean "{near[0]}"?' if near else ""
+
+
+def _fingerprint(scenario: Scenario, content: bytes) -> str:
+    """SHA-256 of the values in SI (12 digits: the choice of unit leaves rounding) and of the data file's bytes."""
+    canonical = json.dumps(_canonical(scenario), sort_keys=True, ensure_ascii=False, separators=(",", ":"))
+    return hashlib.sha256(canonical.encode() + b"\0" + hashlib.sha256(content).digest()).hexdigest()
+
+
+def _canonical(value: object) -> object:
+    match value:
+        case BaseModel():
+            return dict(_fields(value))
+        case Quantity():
+            return _canonical(value.value)
+        case dict():
+            return {str(key): _canonical(inner) for key, inner in value.items()}
+        case tuple() | list():
+            return [_canonical(inner) for inner in value]
+        case float():
+            return f"{value:.12g}"
+    return value
+
+
+def _fields(record: BaseModel) -> Iterator[tuple[str, object]]:
+    for name in type(record).model_fields:
+        yield name, _canonical(getattr(record, name))

@@ -1,0 +1,25 @@
+"""Base of every record a scenario file is made of, and the names in it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=40)]
+"""A name other parts of the file and the report refer to: lower-case letters, digits and underscores."""
+
+Item = TypeVar("Item")
+Many = Annotated[tuple[Item, ...], Field(strict=False)]
+"""A list in the file, a tuple in the record."""
+
+
+class Record(BaseModel):
+    """A frozen record that refuses unknown keys and never guesses a type."""
+
+    model_config = ConfigDict(strict=True, frozen=True, extra="forbid", allow_inf_nan=False, validate_by_name=False)
+
+
+def described(text: str, **constraints: Any) -> Any:
+    """A required field with its description, which the JSON Schema and the starter file repeat."""
+    return Field(description=text, **constraints)

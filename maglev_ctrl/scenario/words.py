@@ -1,0 +1,76 @@
+"""An option in words: one line per element and one for the law."""
+
+from __future__ import annotations
+
+import math
+
+from maglev_ctrl.scenario.layout import CAR, Layout, layout, place_element, place_sensor
+from maglev_ctrl.scenario.option_schema import (
+    ActuatorRecord,
+    Lqg,
+    Lqr,
+    OptionRecord,
+    SensorRecord,
+    SkyHook,
+    SpringDamperRecord,
+)
+from maglev_ctrl.scenario.scenario_schema import Scenario
+
+
+def describe_option(scenario: Scenario, option: OptionRecord) -> tuple[str, ...]:
+    """The option's elements and law, one line each; a single line for an option without any."""
+    here = layout(scenario.vehicle)
+    lines = [
+        *(_spring(spring, here) for spring in option.spring_dampers),
+        *(_actuator(actuator, here) for actuator in option.actuators),
+        *(_sensor(sensor, here) for sensor in option.sensors),
+        *([_law(option.control)] if option.control is not None else []),
+    ]
+    return tuple(lines) or ("nothing added to the bare vehicle",)
+
+
+def _times(count: int) -> str:
+    return "" if count == 1 else f"{count} x "
+
+
+def _spring(spring: SpringDamperRecord, here: Layout) -> str:
+    parts = []
+    if spring.stiffness:
+        parts.append(f"{spring.stiffness / 1e3:g} kN/m")
+    if spring.damping:
+        parts.append(f"{spring.damping / 1e3:g} kN s/m")
+    if spring.lag:
+        parts.append(f"lag {spring.lag * 1e3:g} ms")
+    ends = " to ".join(spring.between)
+    return f"{_times(len(place_element(spring, here)))}{spring.name}, {spring.direction}, {ends}: {', '.join(parts)}"
+
+
+def _actuator(actuator: ActuatorRecord, here: Layout) -> str:
+    parts = []
+    if actuator.force_limit is not None:
+        parts.append(f"{actuator.force_limit / 1e3:g} kN")
+    if actuator.bandwidth is not None:
+        parts.append(f"{actuator.bandwidth / (2.0 * math.pi):g} Hz")
+    if actuator.delay:
+        parts.append(f"delay {actuator.delay * 1e3:g} ms")
+    what = ", ".join(parts) or "ideal"
+    ends = " to ".join(actuator.between)
+    return f"{_times(len(place_element(actuator, here)))}actuator {actuator.name}, {actuator.direction}, {ends}: {what}"
+
+
+def _sensor(sensor: SensorRecord, here: Layout) -> str:
+    places = place_sensor(sensor, here)
+    on = "the car" if sensor.on == CAR else sensor.on
+    return f"{_times(len(places))}{sensor.kind} sensor {sensor.name} on {on}"
+
+
+def _law(law: Lqr | Lqg | SkyHook) -> str:
+    match law:
+        case SkyHook():
+            return f"sky-hook damping {law.damping / 1e3:g} kN s/m of {law.sensor}"
+        case Lqr():
+            name = "LQR"
+        case Lqg():
+            name = f"LQG, disturbance {law.disturbance:g} m/s^2 per sqrt(Hz)"
+    weights = ", ".join(f"{item.output or item.actuator} {item.value.text}" for item in law.allowed)
+    return f"{name}; acceptable: {weights}"
