@@ -1,5 +1,7 @@
 """Vehicles: bodies, magnets and connections, their equilibrium and their linear models."""
 
+from maglev_ctrl.vehicle import models
+from maglev_ctrl.vehicle.assembly import linearize, stiffness_modulation
 from maglev_ctrl.vehicle.elements import (
     DOF_NAMES,
     GUIDEWAY,
@@ -11,6 +13,10 @@ from maglev_ctrl.vehicle.elements import (
     Sensor,
     SpringDamper,
 )
+from maglev_ctrl.vehicle.loads import generalized_force
+from maglev_ctrl.vehicle.operating import Equilibrium, OperatingPoint
+from maglev_ctrl.vehicle.passive import as_feedback
+from maglev_ctrl.vehicle.statics import equilibrium
 from maglev_ctrl.vehicle.vehicle import Vehicle
 
 __all__ = [
@@ -20,8 +26,16 @@ __all__ = [
     "Aerodynamics",
     "Body",
     "CoefficientElement",
+    "Equilibrium",
     "Magnet",
+    "OperatingPoint",
     "Sensor",
     "SpringDamper",
     "Vehicle",
+    "as_feedback",
+    "equilibrium",
+    "generalized_force",
+    "linearize",
+    "models",
+    "stiffness_modulation",
 ]

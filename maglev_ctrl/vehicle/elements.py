@@ -176,6 +176,8 @@ class Actuator:
     force_limit : N, None = none; recorded for checks, linear models do not saturate
     bandwidth : rad/s of a first-order lag from command to force, None = ideal
     delay : s from command to force
+    static_stiffness : N/m; weight with which a constant bias of the actuator shares static load like a spring would
+        (0: it carries none); adds no stiffness to the linear model
     angular : a torque about `direction` (N m)
     """
 
@@ -188,6 +190,7 @@ class Actuator:
     force_limit: float | None = None
     bandwidth: float | None = None
     delay: float = 0.0
+    static_stiffness: float = 0.0
     angular: bool = False
 
     def __post_init__(self) -> None:
@@ -197,6 +200,7 @@ class Actuator:
             if value is not None:
                 _check_positive(value, f"actuator {self.name}: {label}")
         _check_not_negative(self.delay, f"actuator {self.name}: delay")
+        _check_finite(self.static_stiffness, f"actuator {self.name}: static_stiffness")
         object.__setattr__(self, "position", _vector(self.position, f"actuator {self.name}: position"))
         object.__setattr__(self, "direction", _unit(self.direction, f"actuator {self.name}: direction"))
 

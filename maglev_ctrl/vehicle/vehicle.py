@@ -113,6 +113,11 @@ class Vehicle:
         )  # fmt: skip
 
     @property
+    def links(self) -> tuple[SpringDamper | Actuator, ...]:
+        """Connections and actuators: everything that can carry a static force between two ends."""
+        return (*self.connections, *self.actuators)
+
+    @property
     def dofs(self) -> tuple[str, ...]:
         """Coordinates, such as "car.heave", body by body."""
         return tuple(f"{body.name}.{dof}" for body in self.bodies for dof in body.dofs)

@@ -1,0 +1,105 @@
+"""What can be read off a vehicle: sensors, coordinates, gaps, strokes and forces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import assert_never
+
+import numpy as np
+
+from maglev_ctrl.arrays import FloatArray
+from maglev_ctrl.vehicle.elements import Actuator, Sensor, SpringDamper
+from maglev_ctrl.vehicle.kinematics import Poses, stroke_row
+from maglev_ctrl.vehicle.loads import MagnetField
+from maglev_ctrl.vehicle.shares import guideway_inputs
+from maglev_ctrl.vehicle.vehicle import Vehicle
+
+
+@dataclass(slots=True, eq=False)
+class OutputRow:
+    """One output: rows over q, q', q'' (n,), weights of internal states and of guideway displacements and rates."""
+
+    name: str
+    size: int
+    H_q: FloatArray = field(init=False)
+    H_v: FloatArray = field(init=False)
+    H_a: FloatArray = field(init=False)
+    internal: dict[str, float] = field(default_factory=dict)
+    guideway: dict[str, float] = field(default_factory=dict)
+    guideway_rate: dict[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.H_q, self.H_v, self.H_a = np.zeros(self.size), np.zeros(self.size), np.zeros(self.size)
+
+
+def sensor_rows(vehicle: Vehicle, found: Poses) -> list[OutputRow]:
+    """Every sensor's reading."""
+    return [_sensor_row(sensor, found, len(vehicle.dofs)) for sensor in vehicle.sensors]
+
+
+def _sensor_row(sensor: Sensor, found: Poses, size: int) -> OutputRow:
+    row = stroke_row(
+        found, sensor.body, sensor.to,
+        position=sensor.position, direction=sensor.direction, angular=sensor.angular, size=size,
+    )  # fmt: skip
+    output = OutputRow(sensor.name, size)
+    match sensor.kind:
+        case "gap" | "stroke":
+            output.H_q = row
+            feels = guideway_inputs(sensor.name, sensor.to, sensor.direction, angular=sensor.angular)
+            output.guideway = {key: -cosine for key, cosine in feels.items()}
+        case "velocity":
+            output.H_v = row
+        case "acceleration":
+            output.H_a = row
+        case _:
+            assert_never(sensor.kind)
+    return output
+
+
+def magnet_rows(vehicle: Vehicle, fields: MagnetField) -> list[OutputRow]:
+    """Height change of every magnet over the guideway, "<magnet>.gap"."""
+    rows = []
+    for i, magnet in enumerate(vehicle.magnets):
+        output = OutputRow(f"{magnet.name}.gap", len(vehicle.dofs))
+        output.H_q = fields.motion[i, 2]
+        output.guideway = {f"heave@{magnet.name}": -1.0}
+        rows.append(output)
+    return rows
+
+
+def link_rows(element: SpringDamper | Actuator, found: Poses, size: int) -> list[OutputRow]:
+    """Stroke, its velocity, and the force where it is a function of the states."""
+    row = stroke_row(
+        found, element.body, element.to,
+        position=element.position, direction=element.direction, angular=element.angular, size=size,
+    )  # fmt: skip
+    feels = guideway_inputs(element.name, element.to, element.direction, angular=element.angular)
+    away = {key: -cosine for key, cosine in feels.items()}
+    stroke, velocity = OutputRow(f"{element.name}.stroke", size), OutputRow(f"{element.name}.stroke.velocity", size)
+    stroke.H_q, stroke.guideway = row, away
+    velocity.H_v, velocity.guideway_rate = row, dict(away)
+    force = OutputRow(f"{element.name}.force", size)
+    if isinstance(element, Actuator):
+        force.internal = {f"{element.name}.force": 1.0}
+        # Without a bandwidth the force is (partly) the command itself, which no output row can hold.
+        return [stroke, velocity] if element.bandwidth is None else [stroke, velocity, force]
+    force.H_q = -element.stiffness * row
+    force.guideway = {key: -element.stiffness * weight for key, weight in away.items()}
+    if element.lag > 0.0:
+        force.internal = {f"{element.name}.lag": -element.damping}
+    else:
+        force.H_v = -element.damping * row
+        force.guideway_rate = {key: -element.damping * weight for key, weight in away.items()}
+    return [stroke, velocity, force]
+
+
+def coordinate_rows(dofs: tuple[str, ...], ignorable: tuple[str, ...]) -> list[OutputRow]:
+    """Displacement (unless ignorable), velocity and acceleration of every coordinate."""
+    rows = []
+    for i, name in enumerate(dofs):
+        position = OutputRow(name, len(dofs))
+        velocity, acceleration = OutputRow(f"{name}.velocity", len(dofs)), OutputRow(f"{name}.acceleration", len(dofs))
+        position.H_q[i], velocity.H_v[i], acceleration.H_a[i] = 1.0, 1.0, 1.0
+        rows += [velocity, acceleration] if name in ignorable else [position, velocity, acceleration]
+    return rows

@@ -1,0 +1,257 @@
+"""The equilibrium of a vehicle: weight, magnets, springs, thrust and air in balance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from difflib import get_close_matches
+
+import numpy as np
+
+from maglev_ctrl.arrays import FloatArray, read_only, read_only_any
+from maglev_ctrl.errors import ModelError, OutOfDomain
+from maglev_ctrl.forces.base import MagnetForces
+from maglev_ctrl.vehicle.elements import Actuator, SpringDamper
+from maglev_ctrl.vehicle.kinematics import poses, stroke_row
+from maglev_ctrl.vehicle.loads import connection_stroke, longitudinal_thrust, magnet_field, net_force
+from maglev_ctrl.vehicle.operating import Equilibrium, Hold, OperatingPoint, Posture
+from maglev_ctrl.vehicle.tangent import tangent_stiffness
+from maglev_ctrl.vehicle.vehicle import Vehicle
+
+BALANCE_TOLERANCE = 1e-9
+"""Largest force left over, as a share of the weight (moments: of the weight times the largest lever)."""
+
+MAXIMUM_STEPS = 60
+MAXIMUM_HALVINGS = 40
+
+
+def equilibrium(
+    vehicle: Vehicle, at: OperatingPoint, *, hold: Hold = "height", loads: Mapping[str, float] | None = None
+) -> Equilibrium:
+    """The static state of a vehicle at an operating point (Eqs. 16 and 17; Sec. 2.4 for off-centre states).
+
+    Thrust on each body balances its drag, so the speed is held. The vehicle stands level in its reference posture:
+    springs that touch a body without magnets carry its load there (least elastic energy), other springs are unloaded.
+
+    Parameters
+    ----------
+    hold : "height": every magnet at `at.height` and its gap, all currents trimmed by one factor until the lift is the
+        weight; "frozen": the same posture with the currents as they are. What remains is `unbalanced`: dead loads at
+        the centres of mass supply it. "strength": the currents as they are, the posture solved by Newton's method
+        from the reference height (`at.height` is where the search starts); a lateral offset that is not zero is then
+        held by a side force, which `unbalanced` shows
+    loads : dead loads at the centres of mass by coordinate, such as {"car.sway": 1e3}, N or N m
+
+    Raises
+    ------
+    ModelError : there is no equilibrium; the message carries the forces
+    OutOfDomain : the equilibrium lies outside a force model's data
+    ValueError : a load names no coordinate of the vehicle
+
+    Examples
+    --------
+    >>> from maglev_ctrl.vehicle import Body, SpringDamper
+    >>> cart = Vehicle("cart", bodies=(Body("car", 10.0),), connections=(SpringDamper("leg", "car", stiffness=1e4),),
+    ...                reference_height=0.1)
+    >>> round(equilibrium(cart, OperatingPoint(0.0, 0.1)).preloads["leg"], 4)
+    98.0665
+    """
+    if hold not in ("height", "strength", "frozen"):
+        raise ValueError(f"hold: expected 'height', 'strength' or 'frozen', got {hold!r}")
+    n = len(vehicle.dofs)
+    level = Posture(
+        speed=at.speed,
+        height=vehicle.reference_height if hold == "strength" else at.height,
+        gap=at.gap if at.gap is not None else vehicle.reference_gap,
+        offset=at.lateral_offset,
+        displacement=np.zeros(n),
+        strength=1.0,
+        static_forces={},
+        thrust={},
+        loads=_dead_loads(vehicle, loads or {}),
+    )
+    level = replace(level, static_forces=_carried_loads(vehicle, level))
+    if hold == "strength":
+        return _record(vehicle, at, hold, _solve(vehicle, at, level))
+    if hold == "height" and vehicle.magnets:
+        level = replace(level, strength=_trim(vehicle, level))
+    return _record(vehicle, at, hold, _with_support(vehicle, _with_thrust(vehicle, level)))
+
+
+def _dead_loads(vehicle: Vehicle, loads: Mapping[str, float]) -> FloatArray:
+    found = np.zeros(len(vehicle.dofs))
+    for name, value in loads.items():
+        if name not in vehicle.dofs:
+            near = get_close_matches(name, vehicle.dofs, n=1)
+            advice = f"did you mean {near[0]!r}?" if near else f"the coordinates are {', '.join(vehicle.dofs)}"
+            raise ValueError(f"loads: there is no coordinate {name!r}; {advice}")
+        found[vehicle.dofs.index(name)] = value
+    return found
+
+
+def _trim(vehicle: Vehicle, level: Posture) -> float:
+    """Common factor on the magnets' forces that makes the lift carry the weight and the vertical dead loads."""
+    field = magnet_field(vehicle, level, poses(vehicle, level.displacement))
+    lift = float(np.sum(field.lift))
+    heave = [i for i, name in enumerate(vehicle.dofs) if name.endswith(".heave")]
+    weight = vehicle.mass * vehicle.gravity - float(np.sum(level.loads[heave]))
+    if not (lift > 0.0 and weight > 0.0):
+        raise ModelError(
+            f"no equilibrium at height {level.height:.6g} m and speed {level.speed:.6g} m/s: the magnets lift "
+            f"{lift:.6g} N and have to carry {weight:.6g} N; no scaling of the currents can balance that"
+        )
+    return weight / lift
+
+
+def _carried_loads(vehicle: Vehicle, level: Posture) -> dict[str, float]:
+    """Static forces of the springs that carry bodies without magnets, least elastic energy."""
+    carried = {*(m.body for m in vehicle.magnets), *(e.body for e in vehicle.coefficient_elements)}
+    found = poses(vehicle, level.displacement)
+    idle = {name: pose for name, pose in found.items() if name not in carried}
+    rows = [c for pose in idle.values() for c, axis in zip(pose.columns, pose.axes, strict=True) if axis != 0]
+    links = [x for x in vehicle.links if _static_stiffness(x) > 0.0 and (x.body in idle or x.to in idle)]
+    static = {link.name: 0.0 for link in vehicle.links}
+    if not rows:
+        return static
+    n = len(vehicle.dofs)
+    wanted = -_without_magnets(vehicle, level)[rows]
+    weights = np.sqrt([_static_stiffness(link) for link in links])
+    columns = np.zeros((n, len(links)))
+    for i, x in enumerate(links):
+        columns[:, i] = stroke_row(
+            found, x.body, x.to, position=x.position, direction=x.direction, angular=x.angular, size=n
+        )
+    # Rows are scaled by the body's weight and levers, so that newtons and newton metres count alike.
+    scale = _force_scale(vehicle)[rows]
+    system = columns[rows] * weights / scale[:, None]
+    solved = weights * np.linalg.lstsq(system, wanted / scale, rcond=1e-12)[0] if links else np.zeros(0)
+    left = wanted - columns[rows] @ solved
+    worst = int(np.argmax(np.abs(left) / scale))
+    if abs(left[worst]) > BALANCE_TOLERANCE * scale[worst]:
+        raise ModelError(
+            f"no equilibrium: {vehicle.dofs[rows[worst]]} is left with {-left[worst]:.6g} N (or N m) that no spring "
+            f"carries; the vehicle weighs {vehicle.mass * vehicle.gravity:.6g} N"
+        )
+    return static | {link.name: float(force) for link, force in zip(links, solved, strict=True)}
+
+
+def _without_magnets(vehicle: Vehicle, level: Posture) -> FloatArray:
+    """Net force on the bodies when the magnets are off: weight, dead loads, thrust and air."""
+    off = replace(vehicle, magnets=())
+    return net_force(off, _with_thrust(off, level))
+
+
+def _static_stiffness(link: SpringDamper | Actuator) -> float:
+    return link.stiffness if isinstance(link, SpringDamper) else link.static_stiffness
+
+
+def _force_scale(vehicle: Vehicle) -> FloatArray:
+    """Weight for forces, weight times the largest lever for moments; (n,)."""
+    weight = vehicle.mass * max(vehicle.gravity, 1e-300)
+    points = [*(magnet.position for magnet in vehicle.magnets), *(link.position for link in vehicle.links)]
+    reach = max((float(np.linalg.norm(p)) for p in points), default=0.0) or 1.0
+    turning = [name.rsplit(".", 1)[1] in ("roll", "pitch", "yaw") for name in vehicle.dofs]
+    return np.where(turning, weight * reach, weight)
+
+
+def _with_thrust(vehicle: Vehicle, posture: Posture) -> Posture:
+    return replace(posture, thrust=longitudinal_thrust(vehicle, posture))
+
+
+def _with_support(vehicle: Vehicle, posture: Posture) -> Posture:
+    """Bodies held by coefficient elements alone: the elements carry what is left there."""
+    if vehicle.magnets or not vehicle.coefficient_elements:
+        return posture
+    held = {element.body for element in vehicle.coefficient_elements}
+    rows = [i for i, name in enumerate(vehicle.dofs) if name.rsplit(".", 1)[0] in held]
+    loads = posture.loads.copy()
+    loads[rows] -= net_force(vehicle, posture)[rows]
+    return replace(posture, loads=loads)
+
+
+def _solve(vehicle: Vehicle, at: OperatingPoint, level: Posture) -> Posture:
+    """Newton's method on the posture, steps halved until the next Newton step shrinks (a scale-free measure)."""
+    level = _with_support(vehicle, level)
+    held = ("surge", "sway") if at.lateral_offset != 0.0 else ("surge",)
+    free = [i for i, name in enumerate(vehicle.dofs) if name.rsplit(".", 1)[1] not in held]
+    start = np.zeros(len(vehicle.dofs))
+    start[[i for i, name in enumerate(vehicle.dofs) if name.endswith(".heave")]] = at.height - level.height
+    posture, scale = _at(vehicle, level, start), _force_scale(vehicle)[free]
+    force = net_force(vehicle, posture)[free]
+    for _ in range(MAXIMUM_STEPS):
+        stiffness = tangent_stiffness(vehicle, posture)[np.ix_(free, free)]
+        step = np.asarray(np.linalg.lstsq(stiffness, force, rcond=1e-13)[0], dtype=np.float64)
+        if np.max(np.abs(force) / scale, initial=0.0) < 1e-3 * BALANCE_TOLERANCE:
+            return posture
+        tried = _shorten(vehicle, level, posture, free=free, step=step, stiffness=stiffness)
+        if tried is None:
+            break
+        posture = tried
+        force = net_force(vehicle, posture)[free]
+    worst = int(np.argmax(np.abs(force) / scale))
+    if abs(force[worst]) <= BALANCE_TOLERANCE * scale[worst]:
+        return posture
+    raise ModelError(
+        f"no equilibrium found with the magnets as they are: {vehicle.dofs[free[worst]]} keeps {force[worst]:.6g} N "
+        f"(or N m) of {scale[worst]:.6g} after Newton's method came to displacement "
+        f"{posture.displacement[free[worst]]:.6g} m (or rad) from height {level.height:.6g} m"
+    )
+
+
+def _shorten(
+    vehicle: Vehicle,
+    level: Posture,
+    posture: Posture,
+    *,
+    free: list[int],
+    step: FloatArray,
+    stiffness: FloatArray,
+) -> Posture | None:
+    """The first of the step, half of it, ... that brings the posture nearer; None when none does."""
+    refused: OutOfDomain | None = None
+    full = np.linalg.norm(step)
+    for halving in range(MAXIMUM_HALVINGS):
+        moved = posture.displacement.copy()
+        share = 0.5**halving
+        moved[free] += share * step
+        try:
+            tried = _at(vehicle, level, moved)
+            following = np.linalg.lstsq(stiffness, net_force(vehicle, tried)[free], rcond=1e-13)[0]
+        except OutOfDomain as error:
+            refused = error
+            continue
+        if np.linalg.norm(following) <= (1.0 - 0.25 * share) * full:
+            # Creeping along the edge of the data means that the balance lies outside it.
+            if refused is not None and share < 1e-6:
+                raise refused
+            return tried
+    if refused is not None:
+        raise refused
+    return None
+
+
+def _at(vehicle: Vehicle, level: Posture, displacement: FloatArray) -> Posture:
+    """The level posture moved: springs take up their strokes, thrust balances the drag there."""
+    start, now = poses(vehicle, level.displacement), poses(vehicle, displacement)
+    static = {
+        link.name: level.static_forces[link.name]
+        - _static_stiffness(link) * connection_stroke(link, start, now, displacement)
+        for link in vehicle.links
+    }
+    return _with_thrust(vehicle, replace(level, displacement=displacement, static_forces=static))
+
+
+def _record(vehicle: Vehicle, at: OperatingPoint, hold: Hold, posture: Posture) -> Equilibrium:
+    field = magnet_field(vehicle, posture, poses(vehicle, posture.displacement))
+    return Equilibrium(
+        at=at,
+        hold=hold,
+        displacement=read_only(posture.displacement, name="displacement"),
+        magnet_heights=read_only(field.heights, name="magnet_heights"),
+        magnet_gaps=read_only_any(field.gaps),
+        forces=MagnetForces(lift=field.lift, guidance=field.guidance, drag=field.drag),
+        strength=posture.strength,
+        unbalanced=read_only(net_force(vehicle, posture), name="unbalanced"),
+        preloads=dict(posture.static_forces),
+        posture=posture,
+    )
