@@ -69,7 +69,8 @@ def heave_pitch_surge(
     """Heave, pitch and surge of a body over two magnets in line (Sec. 4.3 of the paper, Eqs. 28-35).
 
     Our pitch is nose down; the paper's theta is nose up. The paper puts drag and thrust at the centre of mass:
-    leave `depth` at zero for that.
+    leave `depth` at zero for that. (Front and rear drags that differ still add -(L/2)(D1 - D2) to the pitch stiffness,
+    as forces with turning levers do; without geometric stiffness that term is out.)
 
     Parameters
     ----------
