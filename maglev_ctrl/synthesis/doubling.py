@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from maglev_ctrl.arrays import FloatArray, join_columns, join_rows, read_only, read_only_any, transpose
 
 MAXIMUM_DOUBLINGS = 40
+CHUNK = 200
 
 
 def hamiltonian(A: FloatArray, G: FloatArray, Q: FloatArray) -> FloatArray:
@@ -53,13 +54,15 @@ def doubled_solution(
     dual = _symmetric(2.0 * gamma * inverse @ G @ middle)
     primal = _symmetric(2.0 * gamma * middle @ Q @ inverse)
     for _ in range(MAXIMUM_DOUBLINGS):
-        solved = np.linalg.solve(np.eye(n) + dual @ primal, join_columns([power, dual]))
-        ahead, through = solved[..., :n], solved[..., n:]
+        solved = np.linalg.inv(np.eye(n) + dual @ primal)
+        ahead, through = solved @ power, solved @ dual
         step = _symmetric(transpose(power) @ primal @ ahead)
         dual = dual + _symmetric(power @ through @ transpose(power))
         power = power @ ahead
         primal = primal + step
-        if np.all(_size(step) <= 1e-16 * _size(primal)) or not np.all(np.isfinite(primal)):
+        moved, size = _size(step), _size(primal)
+        # Quadratic convergence: the next step is about the square of this one.
+        if np.all((moved <= 1e-10 * size) | ~np.isfinite(size)):
             break
     return primal, _size(power)
 
@@ -111,18 +114,49 @@ def riccati_batch(
     weighted = np.linalg.solve(r, join_columns([transpose(b), transpose(cross)]))
     A_bare = a - b @ weighted[..., n:]
     G, Q_bare = _symmetric(b @ weighted[..., :n]), _symmetric(q - cross @ weighted[..., n:])
-    try:
-        P, rest = doubled_solution(A_bare, G, Q_bare)
-    except np.linalg.LinAlgError:
-        P, rest = np.full(a.shape, np.nan), np.full(batch, np.nan)
-    residual = relative_residual(A_bare, G, Q_bare, P)
-    solved = np.asarray((residual <= tolerance) & (rest <= 1e-6))
-    P, residual, solved = np.array(P), np.array(residual), np.array(solved)
+    P, residual, solved = _in_chunks(A_bare, G, Q_bare, tolerance)
     redone = ~solved
     for index in zip(*np.nonzero(redone), strict=True):
         P[index], residual[index], solved[index] = _one_by_one(a[index], b[index], q[index], r[index], cross[index])
     gain = np.linalg.solve(r, transpose(b) @ P + transpose(cross))
     return RiccatiBatch(*(read_only_any(x) for x in (P, gain, residual, solved, redone)))
+
+
+def _in_chunks(
+    A: FloatArray, G: FloatArray, Q: FloatArray, tolerance: float
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Chunk by chunk, so that the matrices in work stay in the cache."""
+    n = A.shape[-1]
+    flat = [x.reshape(-1, n, n) for x in (A, G, Q)]
+    with np.errstate(all="ignore"):
+        parts = [
+            _doubled_batch(*(x[start : start + CHUNK] for x in flat), tolerance=tolerance)
+            for start in range(0, flat[0].shape[0], CHUNK)
+        ]
+    if not parts:
+        return np.zeros(A.shape), np.zeros(A.shape[:-2]), np.zeros(A.shape[:-2], dtype=bool)
+    P, residual, solved = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return P.reshape(A.shape), residual.reshape(A.shape[:-2]), solved.reshape(A.shape[:-2])
+
+
+def _doubled_batch(
+    A: FloatArray, G: FloatArray, Q: FloatArray, *, tolerance: float
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Doubling for all points, then with moved shifts for those whose residual is not small."""
+    P, residual, solved = np.full(A.shape, np.nan), np.full(A.shape[:-2], np.inf), np.zeros(A.shape[:-2], dtype=bool)
+    for factor in (1.0, 2.3, 0.43):
+        left = ~solved
+        if not np.any(left):
+            break
+        some = A[left], G[left], Q[left]
+        try:
+            found, rest = doubled_solution(*some, factor * cayley_shift(*some))
+        except np.linalg.LinAlgError:
+            continue
+        size = relative_residual(*some, found)
+        good = (size <= tolerance) & (rest <= 1e-3)  # the doubled powers of a stable loop vanish
+        P[left], residual[left], solved[left] = found, size, good
+    return P, residual, solved
 
 
 def relative_residual(A: FloatArray, G: FloatArray, Q: FloatArray, P: FloatArray) -> FloatArray:
