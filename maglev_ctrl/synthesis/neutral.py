@@ -92,9 +92,11 @@ def prepare(
 ) -> Prepared:
     """Make the regulator problem solvable without hiding how.
 
-    A neutral mode that no weight sees gets a weight q on its modal coordinate, q = rate^2 / (w^H B R^-1 B' w), which
-    alone moves its pole to -rate. A mode no actuator can move is refused, or left as it is: the design then treats it
-    as decaying, so that the other modes are controlled, and the note says that it stays.
+    A neutral mode that no weight sees gets a weight q on its modal coordinate, q = rate^2 / (w^H B R_s^-1 B' w), with
+    R_s the price of a command at the mode's own frequency s, what it stirs in the weighted outputs included. To first
+    order this moves the pole to the left by `neutral_rate` and nothing else. A mode no actuator can move is refused,
+    or left as it is: the design then treats it as decaying, so that the other modes are controlled, and the note says
+    that it stays.
 
     Raises
     ------
@@ -114,18 +116,26 @@ def prepare(
         notes.append(f"{mode.label} cannot be moved by the actuators and stays as it is")
     solved = np.linalg.solve(weights.R, weights.N.T)
     seen = np.vstack([weights.rows - weights.through @ solved, solved])
-    G = B @ np.linalg.solve(weights.R, B.T)
-    for mode in hidden_modes(A_design - B @ solved, seen, states, neutral_only=True):
+    bare, Q_bare = A_design - B @ solved, weights.Q - weights.N @ solved
+    for mode in hidden_modes(bare, seen, states, neutral_only=True):
         if not mode.simple:
             raise ModelError(f"no weight sees {mode.label}, which drifts freely: weigh its position")
-        strength = float(np.vdot(mode.left, G @ mode.left).real)
-        weight = neutral_rate**2 / strength
+        weight = neutral_rate**2 / _reach(bare, B, Q_bare, weights.R, mode)
         Q += weight * np.outer(mode.left, np.conj(mode.left)).real * (1.0 if mode.pole.imag == 0.0 else 2.0)
         notes.append(
             f"no weight sees {mode.label}: its modal coordinate is weighted by {weight:.3g} to decay at "
             f"{neutral_rate:g} rad/s"
         )
     return Prepared(A_design, 0.5 * (Q + Q.T), tuple(notes))
+
+
+def _reach(A: FloatArray, B: FloatArray, Q: FloatArray, R: FloatArray, mode: HiddenMode) -> float:
+    """w^H B R_s^-1 B' w; the mode itself, which the weights do not see, is moved away from s first."""
+    moved = A - (1.0 + abs(mode.pole)) * np.outer(mode.right, np.conj(mode.left))
+    stirred = np.linalg.solve(mode.pole * np.eye(A.shape[0]) - moved, B.astype(complex))
+    price = R + np.conj(stirred.T) @ Q @ stirred
+    push = B.T @ mode.left
+    return float(np.vdot(push, np.linalg.solve(price, push)).real)
 
 
 def _number(pole: complex) -> str:
