@@ -1,0 +1,261 @@
+"""Stability maps over a parameter (speed) and the modulation depth, every unstable region named.
+
+Per column the monodromy matrix is a Chebyshev series in the depth, the multipliers are batched; sampled points are
+checked against Hill's method in the frequency domain; tongues narrower than the grid step are sought where resonance
+says they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from maglev_ctrl.analysis.critical_depth import (
+    CriticalDepth,
+    CriticalDepthCurve,
+    critical_depth,
+    critical_depth_curve,
+    name_at,
+)
+from maglev_ctrl.analysis.depth_surrogate import DepthSurrogate, depth_surrogate
+from maglev_ctrl.analysis.resonance import Resonance
+from maglev_ctrl.analysis.resonance_naming import central_copy
+from maglev_ctrl.analysis.resonance_seeds import SeededTongue, SeedInput, seed_tongues
+from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only, read_only_any
+from maglev_ctrl.kernels import hill_matrix, hill_pair
+
+__all__ = [
+    "CriticalDepth",
+    "CriticalDepthCurve",
+    "ResonanceMap",
+    "SeededTongue",
+    "critical_depth",
+    "critical_depth_curve",
+    "resonance_map",
+]
+
+_MOST_NAMES = 60
+_CHECK = 1e-7  # agreement with Hill's method, relative to W
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ResonanceMap:
+    """Stability over `parameter` (V,) and `depths` (E,).
+
+    `spectral_radius`, `growth_rate` (1/s), `unstable`, `unresolved`, `tongue_index` are (V, E); `tongue_index` is -1
+    where stable, else an index into `tongues`. `error_bound` (V,) 1/s bounds the error of the growth rate in each
+    column. `checked` (K, 2) are the points compared with Hill's method, `check_difference` (K,) 1/s the differences;
+    a column with a point that disagrees is `unresolved`. `seeded` are the tongues sought between columns.
+    """
+
+    parameter_name: str
+    parameter: FloatArray
+    depths: FloatArray
+    spectral_radius: FloatArray
+    growth_rate: FloatArray
+    unstable: NDArray[np.bool_]
+    unresolved: NDArray[np.bool_]
+    tongue_index: NDArray[np.int64]
+    tongues: tuple[Resonance, ...]
+    error_bound: FloatArray
+    checked: NDArray[np.int64]
+    check_difference: FloatArray
+    seeded: tuple[SeededTongue, ...]
+    method: str
+
+
+def resonance_map(
+    A_0: FloatArray, A_cos: FloatArray, A_sin: FloatArray, frequency: FloatArray, depths: FloatArray, *,
+    parameter: FloatArray, parameter_name: str = "speed", states: tuple[str, ...] = (),
+    labels: tuple[str, ...] | None = None, checks: int = 24, max_order: int = 2, seeds: bool = True,
+) -> ResonanceMap:  # fmt: skip
+    """Stability map of x' = [A_0 + depth sum_k (A_cos[k] cos k W t + A_sin[k] sin k W t)] x.
+
+    Parameters
+    ----------
+    A_0 : (V, n, n); A_cos, A_sin : (V, H, n, n) at unit depth, 1/s
+    frequency : (V,) rad/s
+    depths : (E,) not negative, ascending
+    parameter : (V,) ascending, for instance speed in m/s
+    states, labels : names for the modes, see `state_modes`
+    checks : points compared with Hill's method
+    max_order : largest order k of the tongues sought between columns
+    seeds : whether to look between columns
+
+    Raises
+    ------
+    ValueError : a shape does not fit, or depths or parameter do not ascend
+
+    Examples
+    --------
+    >>> speed = np.linspace(1.5, 2.5, 21)
+    >>> A_0 = np.broadcast_to(np.array([[0.0, 1.0], [-1.0, -0.02]]), (21, 2, 2))
+    >>> A_1 = np.broadcast_to(np.array([[0.0, 0.0], [-1.0, 0.0]]), (21, 1, 2, 2))
+    >>> atlas = resonance_map(A_0, A_1, 0 * A_1, speed, np.linspace(0.0, 0.2, 11), parameter=speed)
+    >>> [t.name for t in atlas.tongues], bool(atlas.unstable[10, -1]), bool(atlas.unstable[0, -1])
+    (['2 w1/1'], True, False)
+    """
+    grid, levels = _checked(A_0, A_cos, A_sin, frequency, depths, parameter)
+    columns, leading = _columns(grid, levels)
+    period = 2.0 * np.pi / grid.frequency
+    radius = np.abs(leading)
+    growth = np.log(np.maximum(radius, 1e-300)) / period[:, None]
+    unstable = growth > np.array([max(c.threshold, 0.0) for c in columns])[:, None]
+    index, tongues = _name_regions(columns, levels, growth, unstable, states, labels)
+    points = _check_points(growth, unstable, checks)
+    difference = np.array([_hill_difference(columns[v], float(levels[e]), leading[v, e]) for v, e in points])
+    unresolved = np.zeros(growth.shape, dtype=bool)
+    for (v, _), apart in zip(points, difference, strict=True):
+        if not apart <= _CHECK * grid.frequency[v]:
+            unresolved[v] = True
+    found = seed_tongues(grid, max_order=max_order, states=states, labels=labels) if seeds else []
+    direct = sum(c.series is None for c in columns)
+    nodes = max(c.nodes for c in columns)
+    return ResonanceMap(
+        parameter_name=parameter_name, parameter=grid.parameter, depths=levels,
+        spectral_radius=read_only_any(radius), growth_rate=read_only_any(growth),
+        unstable=read_only_any(unstable), unresolved=read_only_any(unresolved),
+        tongue_index=read_only_any(index), tongues=tongues,
+        error_bound=read_only_any([c.growth_error() for c in columns]),
+        checked=read_only_any(points), check_difference=read_only_any(difference),
+        seeded=tuple(_seen(seed, column, index, tongues) for column, seed in found),
+        method=f"Taylor propagators, Chebyshev in depth (up to {nodes} nodes, {direct} columns direct), "
+               f"{len(points)} points checked by Hill's method",
+    )  # fmt: skip
+
+
+def _checked(
+    A_0: FloatArray, A_cos: FloatArray, A_sin: FloatArray, frequency: FloatArray, depths: FloatArray,
+    parameter: FloatArray,
+) -> tuple[SeedInput, FloatArray]:  # fmt: skip
+    """The inputs with shapes and order checked."""
+    values = read_only(parameter, name="parameter", shape=(None,))
+    levels = read_only(depths, name="depths", shape=(None,))
+    matrices = read_only(A_0, name="A_0", shape=(len(values), None, None))
+    n = matrices.shape[-1]
+    matrices = read_only(matrices, name="A_0", shape=(len(values), n, n))
+    cosine = read_only(A_cos, name="A_cos", shape=(len(values), None, n, n))
+    sine = read_only(A_sin, name="A_sin", shape=cosine.shape)
+    omega = read_only(frequency, name="frequency", shape=(len(values),))
+    if np.any(np.diff(values) <= 0.0):
+        raise ValueError("parameter: expected ascending values")
+    if len(levels) == 0 or np.any(np.diff(levels) <= 0.0) or levels[0] < 0.0 or levels[-1] <= 0.0:
+        raise ValueError("depths: expected ascending values, not negative, the last one positive")
+    if np.any(omega <= 0.0):
+        raise ValueError("frequency: expected a positive angular frequency in rad/s")
+    return SeedInput(matrices, cosine, sine, omega, values, float(levels[-1])), levels
+
+
+def _columns(grid: SeedInput, depths: FloatArray) -> tuple[list[DepthSurrogate], ComplexArray]:
+    """Surrogate of every column and the leading multiplier at every depth (V, E)."""
+    columns: list[DepthSurrogate] = []
+    leading = np.empty((len(grid.parameter), len(depths)), dtype=complex)
+    nodes = 9
+    for v in range(len(grid.parameter)):
+        column = depth_surrogate(
+            grid.A_0[v], grid.A_cos[v], grid.A_sin[v], frequency=float(grid.frequency[v]),
+            depth_max=grid.depth_max, first_nodes=nodes,
+        )  # fmt: skip
+        nodes = column.needed
+        columns.append(column)
+        leading[v] = column.leading(depths)
+    return columns, leading
+
+
+def _name_regions(
+    columns: list[DepthSurrogate], depths: FloatArray, growth: FloatArray, unstable: NDArray[np.bool_],
+    states: tuple[str, ...], labels: tuple[str, ...] | None,
+) -> tuple[NDArray[np.int64], tuple[Resonance, ...]]:  # fmt: skip
+    """Tongue index of each unstable point: each belongs to the peak that steepest ascent leads to, peaks are named."""
+    index = np.full(growth.shape, -1, dtype=np.int64)
+    if not np.any(unstable):
+        return index, ()
+    root = _ascend(growth, unstable)
+    regions, _ = ndimage.label(unstable, structure=np.ones((3, 3)))
+    peaks = np.unique(root[unstable])
+    peaks = peaks[np.argsort(-growth.ravel()[peaks])]
+    tongues: list[Resonance] = []
+    numbers: dict[str, int] = {}
+    of_region: dict[int, int] = {}
+    for rank, peak in enumerate(peaks):
+        v, e = divmod(int(peak), growth.shape[1])
+        region = int(regions[v, e])
+        if rank < _MOST_NAMES or region not in of_region:
+            resonance = name_at(columns[v], float(depths[e]), states=states, labels=labels)
+            if resonance.name not in numbers:
+                numbers[resonance.name] = len(tongues)
+                tongues.append(resonance)
+            number = numbers[resonance.name]
+            of_region.setdefault(region, number)
+        else:
+            number = of_region[region]
+        index[unstable & (root == peak)] = number
+    return index, tuple(tongues)
+
+
+def _ascend(growth: FloatArray, unstable: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """For each point the flat index of the local maximum of growth it climbs to among unstable neighbours."""
+    height = np.where(unstable, growth, -np.inf)
+    padded = np.pad(height, 1, constant_values=-np.inf)
+    rows, cols = growth.shape
+    best, target = height.copy(), np.arange(growth.size).reshape(growth.shape)
+    for dv in (-1, 0, 1):
+        for de in (-1, 0, 1):
+            neighbour = padded[1 + dv : 1 + dv + rows, 1 + de : 1 + de + cols]
+            better = neighbour > best
+            best[better] = neighbour[better]
+            target[better] = (np.arange(growth.size).reshape(growth.shape) + dv * cols + de)[better]
+    flat = target.ravel()
+    while True:
+        further = flat[flat]
+        if np.array_equal(further, flat):
+            return np.asarray(flat.reshape(growth.shape), dtype=np.int64)
+        flat = further
+
+
+def _check_points(growth: FloatArray, unstable: NDArray[np.bool_], count: int) -> NDArray[np.int64]:
+    """Points to verify: half along the boundary of the unstable regions, half spread over the map, and the worst."""
+    chosen = [int(np.argmax(growth))]
+    edge = np.nonzero((unstable ^ ndimage.binary_erosion(unstable, border_value=1)).ravel())[0]
+    near = edge if len(edge) else np.argsort(np.abs(growth).ravel(), kind="stable")[: 4 * count]
+    half = max(count // 2, 1)
+    chosen += [int(k) for k in near[np.linspace(0, len(near) - 1, min(half, len(near))).astype(int)]]
+    golden = 0.5 * (np.sqrt(5.0) - 1.0)
+    extra = 0
+    while len(set(chosen)) < min(count, growth.size):
+        v = int((extra + 0.5) / count * growth.shape[0]) % growth.shape[0]
+        e = int(((extra + 1) * golden % 1.0) * growth.shape[1])
+        chosen.append(v * growth.shape[1] + e)
+        extra += 1
+    flat = np.unique(chosen)
+    return np.asarray(np.stack(np.divmod(flat, growth.shape[1]), axis=1), dtype=np.int64)
+
+
+def _hill_difference(column: DepthSurrogate, depth: float, multiplier: complex) -> float:
+    """Distance of the leading exponent to the nearest eigenvalue of the Hill matrix, 1/s; inf when none is near."""
+    exponent = complex(np.log(multiplier) / column.period)
+    guess = central_copy(exponent, np.linalg.eigvals(column.A_0), column.frequency)
+    harmonics = len(column.A_cos)
+    apart = float("inf")
+    for reach in (6 * harmonics, 12 * harmonics):
+        matrix = hill_matrix(
+            column.A_0, depth * column.A_cos, depth * column.A_sin, frequency=column.frequency, harmonics=reach
+        )
+        value, _, _, residual = hill_pair(matrix, guess)
+        size = float(np.max(np.abs(np.diag(matrix))))
+        apart = abs(value - guess) if residual <= 1e-9 * size else float("inf")
+        if apart <= 0.1 * _CHECK * column.frequency:
+            break
+    return apart
+
+
+def _seen(
+    seed: SeededTongue, column: int, index: NDArray[np.int64], tongues: tuple[Resonance, ...]
+) -> SeededTongue:
+    """The seed with the verdict whether the columns on either side show a tongue of that name."""
+    beside = np.unique(index[column : column + 2])
+    shown = any(k >= 0 and tongues[k].name == seed.name for k in beside)
+    return SeededTongue(seed.parameter, seed.threshold, seed.name, bool(shown))

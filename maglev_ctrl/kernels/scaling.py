@@ -1,0 +1,36 @@
+"""Diagonal scaling of state matrices whose entries mix kilograms, newtons and metres."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import linalg
+
+from maglev_ctrl.arrays import FloatArray
+
+
+def balance(magnitude: FloatArray) -> FloatArray:
+    """Scales d (powers of two) such that diag(1/d) A diag(d) has rows and columns of like size.
+
+    Parameters
+    ----------
+    magnitude : (n, n) non-negative entries: |A_0| plus the amplitudes of the modulation
+
+    Examples
+    --------
+    >>> balance(np.array([[0.0, 1.0], [1.0e6, 0.0]]))[1] > 100.0
+    np.True_
+    """
+    _, (scale, _) = linalg.matrix_balance(np.asarray(magnitude, dtype=np.float64), permute=False, separate=True)
+    return np.asarray(scale, dtype=np.float64)
+
+
+def rescale(matrix: FloatArray, scale: FloatArray) -> FloatArray:
+    """diag(1/d) A diag(d), exact because the scales are powers of two; (..., n, n).
+
+    Examples
+    --------
+    >>> rescale(np.array([[0.0, 1.0], [4.0, 0.0]]), np.array([1.0, 2.0]))
+    array([[0., 2.],
+           [2., 0.]])
+    """
+    return np.asarray(matrix * scale / scale[:, None])
