@@ -163,7 +163,8 @@ def _weight_faults(option: OptionRecord, law: Lqr | Lqg, here: Layout, *, path: 
         if name in named:
             yield Fault(place, f'"{name}" already has a weight')
         named.append(name)
-        if item.value.dimensions != dimensions:
+        if item.value.dimensions != dimensions or (not dimensions and item.value.written != "angle"):
+            example = example if dimensions else "an angle"
             got = f'{describe(item.value.dimensions)}: "{item.value.text}"'
             yield Fault((*place, "value"), f"expected {example} with its unit for {name}, got {got}")
     for missing in sorted(actuators - weighted):

@@ -40,7 +40,7 @@ def key_places(text: str) -> dict[KeyPath, Place]:
     Examples
     --------
     >>> key_places('[a]\\nb.c = {d = [1, 2]}')[("a", "b", "c", "d", 1)].value
-    (2, 17)
+    (2, 16)
     """
     import tree_sitter
     import tree_sitter_toml

@@ -13,6 +13,8 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from maglev_ctrl.errors import ModelError, OutOfDomain
+from maglev_ctrl.scenario.build import build_option, build_vehicle
 from maglev_ctrl.scenario.checks import faults_in, table_faults
 from maglev_ctrl.scenario.force_schema import TableForces
 from maglev_ctrl.scenario.force_table import SIZE_LIMIT as TABLE_LIMIT
@@ -60,7 +62,31 @@ def load(path: str | Path) -> Scenario:
             elsewhere = [replace(problem, file=error.file) for problem in error.problems]
     if faults or elsewhere:
         raise _placed(str(path), text, faults, elsewhere)
-    return with_origin(scenario, Origin(file, text, _fingerprint(scenario, content), samples))
+    scenario = with_origin(scenario, Origin(file, text, _fingerprint(scenario, content), samples))
+    faults = list(_build_faults(scenario))
+    if faults:
+        raise _placed(str(path), text, faults)
+    return scenario
+
+
+def _build_faults(scenario: Scenario) -> Iterator[Fault]:
+    """What only shows when the vehicle is built: a table that cannot be fitted, a design point outside the forces."""
+    try:
+        vehicle = build_vehicle(scenario)
+        for element in vehicle.coefficient_elements:
+            element.table.at(scenario.operating.speed)
+    except OutOfDomain as error:
+        yield Fault(("operating",), f"the design point has to lie inside the force data: {error}")
+        return
+    except (ValueError, ModelError) as error:
+        key = "file" if isinstance(scenario.forces, TableForces) else "model"
+        yield Fault(("forces", key), str(error))
+        return
+    for index, option in enumerate(scenario.options):
+        try:
+            build_option(scenario, option, vehicle)
+        except ValueError as error:
+            yield Fault(("option", index), str(error))
 
 
 def _placed(shown: str, text: str, faults: list[Fault], elsewhere: list[Problem] | None = None) -> ScenarioProblems:

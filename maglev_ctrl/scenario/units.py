@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 Bound = Literal["any", "nonnegative", "positive"]
 Dimensions = tuple[tuple[str, float], ...]
+Written = Literal["hertz", "angle", ""]
+"""Units whose dimensions do not tell them apart: hertz from 1/s, angles from plain numbers."""
 
 _NUMBER = re.compile(r"\s*([+-]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?)\s*(.*?)\s*$", re.DOTALL)
 _PRETTY = str.maketrans({
@@ -29,6 +31,7 @@ _ROOT = re.compile(r"(?:sqrt|√)\s*\(?\s*([A-Za-z]+)\s*\)?")
 _ALLOWED = re.compile(r"[A-Za-z_*/^().\s\d+-]*")
 _DIGITS = re.compile(r"\d+(?:\.\d+)?")
 _TONS = {"ton", "kiloton", "megaton", "short_ton", "long_ton", "UK_ton", "US_ton"}
+_ANGLES = ("radian", "degree", "arcminute", "arcsecond", "turn", "revolution")
 _NEWTON_METRE = re.compile(r"(?<![A-Za-z])[kM]?Nm(?![A-Za-z])")
 _COMMON = (
     "m", "mm", "cm", "km", "um", "kg", "g", "t", "s", "ms", "us", "min", "h", "m/s", "km/h", "N", "kN", "MN", "N/m",
@@ -44,7 +47,7 @@ class Quantity:
     value: float
     dimensions: Dimensions
     text: str
-    in_hertz: bool = False
+    written: Written = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,9 +101,11 @@ class Unit:
             got = describe(quantity.dimensions)
             raise ValueError(f'expected {self.expected}, got {got}: "{quantity.text}"')
         value = quantity.value
-        if quantity.in_hertz and self.angular:
+        if self.unit == "rad" and quantity.written != "angle":
+            raise ValueError(f'expected {self.expected}, got "{quantity.text}"')
+        if quantity.written == "hertz" and self.angular:
             value *= 2.0 * math.pi
-        elif quantity.in_hertz and self.unit == "1/s":
+        elif quantity.written == "hertz" and self.unit == "1/s":
             raise ValueError(f'expected {self.expected}, got a frequency in Hz: "{quantity.text}"; write it in 1/s')
         if (self.bound == "positive" and value <= 0.0) or (self.bound == "nonnegative" and value < 0.0):
             sign = "above zero" if self.bound == "positive" else "of zero or more"
@@ -240,11 +245,11 @@ def read_quantity(text: str, *, expected: str = "a number with its unit") -> Qua
     number, unit = float(match[1].replace("_", "")), match[2]
     if not unit:
         raise ValueError(f'expected {expected}, got "{_short(text)}" without a unit')
-    factor, dimensions, in_hertz = _unit(_plain_unit(unit))
+    factor, dimensions, written = _unit(_plain_unit(unit))
     value = number * factor
     if not math.isfinite(value):
         raise ValueError(f'expected {expected}, got "{_short(text)}", which is not finite')
-    return Quantity(value, dimensions, _short(text), in_hertz)
+    return Quantity(value, dimensions, _short(text), written)
 
 
 def dimensions_of(unit: str) -> Dimensions:
@@ -289,8 +294,8 @@ def _registry() -> Any:
 
 
 @cache
-def _unit(unit: str) -> tuple[float, Dimensions, bool]:
-    """Factor to SI base units, dimensions, and whether the unit is written in hertz."""
+def _unit(unit: str) -> tuple[float, Dimensions, Written]:
+    """Factor to SI base units, dimensions, and whether the unit is written in hertz or as an angle."""
     if len(unit) > 60 or not _ALLOWED.fullmatch(unit) or any(float(d) > 6 for d in _DIGITS.findall(unit) if d != "1"):
         raise ValueError(f'"{_short(unit)}" is not a unit; write it like kN*s/m or m/s^2')
     try:
@@ -307,8 +312,12 @@ def _unit(unit: str) -> tuple[float, Dimensions, bool]:
     except Exception:
         raise ValueError(f'the unit "{unit}" has an offset or a logarithm and cannot be used here') from None
     dimensions = tuple(sorted((str(k), round(float(v), 9)) for k, v in parsed.dimensionality.items()))
-    hertz = any(name.endswith("hertz") for name in names) and dimensions == (("[time]", -1.0),)
-    return float(base.magnitude), dimensions, hertz
+    written: Written = ""
+    if dimensions == (("[time]", -1.0),) and any(name.endswith("hertz") for name in names):
+        written = "hertz"
+    elif not dimensions and all(name.endswith(_ANGLES) for name in names):
+        written = "angle"
+    return float(base.magnitude), dimensions, written
 
 
 def _unknown(unit: str) -> str:

@@ -1,0 +1,303 @@
+"""The command line: `maglev-ctrl report SCENARIO`. Everything heavy is loaded inside the command that needs it."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal, cast
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from maglev_ctrl.scenario import Scenario
+    from maglev_ctrl.study import Comparison, OptionStudy, RequirementResult
+
+PASSED, NOT_PASSED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+_FORMATS = ("html", "pdf", "json")
+_STYLES = {"PASS": "green", "FAIL": "red", "NOT EVALUATED": "yellow"}
+
+app = typer.Typer(
+    name="maglev-ctrl",
+    help="Stability of maglev vehicles: compare suspension options and report their margins.",
+    epilog="Exit status: 0 every requirement passes, 1 some fail or could not be evaluated, 2 wrong input.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,  # rich would double the time `--help` takes
+    pretty_exceptions_enable=False,
+)
+
+ScenarioFile = Annotated[Path, typer.Argument(metavar="SCENARIO", help="Scenario file (TOML).", show_default=False)]
+Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, max=256, help="Processes that share the work.")]
+
+
+@app.command()
+def report(
+    scenario: ScenarioFile,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the report.  [default: out/NAME]")] = None,
+    jobs: Jobs = 2,
+    formats: Annotated[
+        str, typer.Option("--format", "-f", help="Any of html, pdf, json, by commas.")
+    ] = "html,pdf,json",
+) -> None:
+    """Run the whole study of a scenario and write its report."""
+    from maglev_ctrl.scenario import load
+
+    wanted = _formats(formats)
+    study_of = load(scenario)
+    folder = out if out is not None else Path("out") / study_of.name
+    _require_writable(folder)
+    comparison = _run(study_of, jobs=jobs)
+
+    from maglev_ctrl.report import write
+
+    paths = write(comparison, folder, formats=wanted)
+    console = _console()
+    _print_verdicts(console, comparison)
+    for path in paths:
+        typer.echo(f"written: {path}")
+    raise typer.Exit(_exit_code(comparison))
+
+
+@app.command()
+def compare(scenario: ScenarioFile, jobs: Jobs = 2) -> None:
+    """Run the whole study of a scenario and print the comparison of its options, without a report."""
+    from maglev_ctrl.scenario import load
+
+    comparison = _run(load(scenario), jobs=jobs)
+    console = _console()
+    _print_values(console, comparison)
+    _print_verdicts(console, comparison)
+    raise typer.Exit(_exit_code(comparison))
+
+
+@app.command()
+def check(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Scenario files.", show_default=False)],
+) -> None:
+    """Say what is wrong with scenario files, with line and column; nothing is computed."""
+    from maglev_ctrl.errors import MaglevError
+    from maglev_ctrl.scenario import load
+
+    wrong = 0
+    for file in files:
+        try:
+            scenario = load(file)
+        except MaglevError as error:
+            _complain(str(error))
+            wrong += 1
+        else:
+            options, requirements = len(scenario.options), len(scenario.requirements)
+            typer.echo(f"{file}: valid; {options} option(s), {requirements} requirement(s)")
+    if wrong:
+        raise typer.Exit(BAD_INPUT)
+
+
+@app.command()
+def new(name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the scenario.", show_default=False)]) -> None:
+    """Write NAME.toml, a commented scenario to start from; an existing file is never touched."""
+    from maglev_ctrl.scenario.starter import starter_text
+
+    file = Path(name if name.endswith(".toml") else f"{name}.toml")
+    title = file.stem.replace("_", " ").replace("-", " ").strip()
+    if not title:
+        raise typer.BadParameter(f"expected a name, got {name!r}")
+    try:
+        with file.open("x", encoding="utf-8", newline="\n") as stream:
+            stream.write(starter_text(title[:1].upper() + title[1:]))
+    except FileExistsError:
+        _complain(f"{file}: there is a file of this name already; choose another name or delete it")
+        raise typer.Exit(BAD_INPUT) from None
+    except FileNotFoundError:
+        _complain(f"{file}: the folder {file.parent} does not exist; make it first")
+        raise typer.Exit(BAD_INPUT) from None
+    typer.echo(f"written: {file}\nnext:    maglev-ctrl check {file}\n         maglev-ctrl report {file}")
+
+
+@app.command()
+def schema() -> None:
+    """Print the scenario format as a JSON Schema."""
+    import json
+
+    from maglev_ctrl.scenario import json_schema
+
+    typer.echo(json.dumps(json_schema(), indent=2, ensure_ascii=False))
+
+
+@app.command()
+def version() -> None:
+    """Print the version."""
+    from maglev_ctrl import __version__
+
+    typer.echo(f"maglev-ctrl {__version__}")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command line (default: this process's) and return its exit status; faults end in one message, no traceback.
+
+    Examples
+    --------
+    >>> main(["version"])
+    maglev-ctrl ...
+    0
+    """
+    from maglev_ctrl.errors import MaglevError
+
+    try:
+        app(args=None if arguments is None else list(arguments), prog_name="maglev-ctrl")
+    except SystemExit as done:  # how typer ends every command, wrong usage included
+        return done.code if isinstance(done.code, int) else PASSED
+    except MaglevError as error:
+        _complain(str(error))
+    except KeyboardInterrupt:
+        _complain("interrupted")
+        return INTERRUPTED
+    except OSError as error:
+        _complain(f"{error.filename or 'file'}: {error.strerror or error}")
+    return BAD_INPUT
+
+
+def _complain(message: str) -> None:
+    typer.echo(message, err=True)
+
+
+def _formats(text: str) -> tuple[Literal["html", "pdf", "json"], ...]:
+    names = tuple(dict.fromkeys(part.strip().lower() for part in text.split(",") if part.strip()))
+    unknown = [name for name in names if name not in _FORMATS]
+    if unknown or not names:
+        got = repr(unknown[0]) if unknown else "nothing"
+        raise typer.BadParameter(f"expected any of html, pdf, json, by commas, got {got}", param_hint="--format")
+    return cast("tuple[Literal['html', 'pdf', 'json'], ...]", names)
+
+
+def _require_writable(folder: Path) -> None:
+    """Find out before hours of work whether the report can be written; nothing is left behind."""
+    from maglev_ctrl.errors import ScenarioError
+
+    if folder.exists() and not folder.is_dir():
+        raise ScenarioError(f"{folder}: expected a folder for the report, got a file; choose another with --out")
+    # A report is made beside its folder and moved into place, so both have to be writable.
+    for place in {_nearest_folder(folder), _nearest_folder(folder.absolute().parent)}:
+        try:
+            _try_writing(place)
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise ScenarioError(
+                f"{folder}: the report cannot be written ({place}: {reason}); choose another folder with --out"
+            ) from None
+
+
+def _nearest_folder(path: Path) -> Path:
+    for candidate in (path.absolute(), *path.absolute().parents):
+        if candidate.exists():
+            return candidate
+    return Path.cwd()
+
+
+def _try_writing(folder: Path) -> None:
+    import os
+    import tempfile
+
+    if not folder.is_dir():
+        raise NotADirectoryError(20, "not a folder")
+    handle, name = tempfile.mkstemp(prefix=".maglev-ctrl-", dir=folder)
+    os.close(handle)
+    Path(name).unlink()
+
+
+def _run(scenario: Scenario, *, jobs: int) -> Comparison:
+    """The study, with its progress on the terminal's error stream."""
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from maglev_ctrl import study
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeElapsedColumn(),
+    )
+    console = _console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(scenario.name, total=1.0)
+
+        def progress(message: str, fraction: float) -> None:
+            bar.update(task, description=message, completed=fraction)
+
+        return study.run(scenario, jobs=jobs, progress=progress)
+
+
+def _console(*, stderr: bool = False) -> Console:
+    from rich.console import Console
+
+    console = Console(stderr=stderr, highlight=False)
+    # Into a file or a pipe a table must not be folded at the 80 columns assumed there.
+    return console if console.is_terminal else Console(stderr=stderr, highlight=False, width=240)
+
+
+def _print_verdicts(console: Console, comparison: Comparison) -> None:
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(title=escape(comparison.title), title_justify="left")
+    for heading in ("option", "kind", "verdict", "why"):
+        table.add_column(heading, overflow="fold")
+    for option in comparison.options:
+        verdict = option.verdict.value
+        table.add_row(
+            escape(option.label), option.kind, f"[{_STYLES[verdict]}]{verdict}[/]", escape(_why(option))
+        )  # fmt: skip
+    console.print(table)
+
+
+def _why(option: OptionStudy) -> str:
+    """What keeps an option from passing, in a line."""
+    if option.failure:
+        return option.failure
+    missed = [result for result in option.requirements if result.verdict.value != "PASS"]
+    return "; ".join(f"{result.name} {_shown(result)}" for result in missed)
+
+
+def _shown(result: RequirementResult) -> str:
+    if result.verdict.value == "NOT EVALUATED":
+        return f"not evaluated ({result.reason})" if result.reason else "not evaluated"
+    sign = ">=" if result.sense == "at_least" else "<="
+    unit = f" {result.unit}" if result.unit else ""
+    return f"{result.value:.4g}{unit} (needs {sign} {result.limit:.4g}{unit})"
+
+
+def _print_values(console: Console, comparison: Comparison) -> None:
+    """One row per requirement, one column per option."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(title="requirements", title_justify="left")
+    table.add_column("requirement", overflow="fold")
+    for option in comparison.options:
+        table.add_column(escape(option.label), overflow="fold")
+    names = dict.fromkeys(result.name for option in comparison.options for result in option.requirements)
+    for name in names:
+        cells = []
+        for option in comparison.options:
+            result = next((r for r in option.requirements if r.name == name), None)
+            cells.append("" if result is None else _cell(result))
+        table.add_row(name, *cells)
+    console.print(table)
+
+
+def _cell(result: RequirementResult) -> str:
+    from rich.markup import escape
+
+    verdict = result.verdict.value
+    value = "" if verdict == "NOT EVALUATED" else f"{result.value:.4g} {result.unit}".rstrip() + " "
+    return f"{escape(value)}[{_STYLES[verdict]}]{verdict}[/]"
+
+
+def _exit_code(comparison: Comparison) -> int:
+    return PASSED if comparison.verdict.value == "PASS" else NOT_PASSED
+
+
+if __name__ == "__main__":
+    sys.exit(main())
