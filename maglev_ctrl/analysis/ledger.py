@@ -19,7 +19,7 @@ import numpy as np
 
 from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only_any, transpose
 from maglev_ctrl.errors import ModelError
-from maglev_ctrl.systems import Contribution, SecondOrderSystem
+from maglev_ctrl.systems import SecondOrderSystem
 
 RESOLVED = 1e-10  # shares are given only where rounding leaves the sum this accurate relative to |s|
 ROUNDOFF = float(np.finfo(np.float64).eps)
@@ -78,20 +78,15 @@ def energy_ledger(
     >>> ledger.damping.tolist(), ledger.circulatory.tolist()
     ([[-0.1]], [[-0.0]])
     """
-    require_complete(system)
+    M, C, K, F = _stacked_shares(system)
     lam, w = s.real, s.imag
-    shares = system.contributions
-    damping, circulatory = np.empty((len(shares), len(s))), np.empty((len(shares), len(s)))
-    size, stiffness = np.zeros(len(s)), np.empty((len(shares), len(s)))
-    transfer = _internal_response(system, s)
-    for e, share in enumerate(shares):
-        mass, damper, spring = (_quadratic(matrix, shapes) for matrix in (share.M, share.C, share.K))
-        force = np.sum(shapes.conj() * (share.F @ internal), axis=0)
-        lagging = -_circulation(share, transfer, shapes)
-        stiffness[e] = (spring - force).real
-        circulatory[e] = spring.imag + (lam**2 - w**2) * mass.imag - lagging
-        damping[e] = w * damper.real - force.imag + lagging
-        size += np.abs(spring) + np.abs(s) ** 2 * np.abs(mass) + np.abs(s * damper) + np.abs(force)
+    mass, damper, spring = (_quadratic(matrices, shapes) for matrices in (M, C, K))
+    force = np.sum(shapes.conj() * (F @ internal), axis=-2)
+    turning = _circulation(F, _internal_response(system, s), shapes)
+    stiffness = (spring - force).real
+    circulatory = spring.imag + (lam**2 - w**2) * mass.imag + turning
+    damping = w * damper.real - force.imag - turning
+    size = np.sum(np.abs(spring) + np.abs(s) ** 2 * np.abs(mass) + np.abs(s * damper) + np.abs(force), axis=0)
     mass, damper = _quadratic(system.M, shapes), _quadratic(system.C, shapes)
     action = 2.0 * w * mass.real + damper.imag
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -101,24 +96,27 @@ def energy_ledger(
         circulatory = np.where(defined, -circulatory / action, np.nan)
     residual = lam - np.sum(damping + circulatory, axis=0)
     return Ledger(
-        tuple(share.name for share in shares),
+        tuple(share.name for share in system.contributions),
         *(read_only_any(a) for a in (damping, circulatory, lam, residual, stiffness)),
     )
 
 
-def require_complete(system: SecondOrderSystem) -> None:
-    """Raise ModelError unless the contributions add up to M, C, K and F."""
+def _stacked_shares(system: SecondOrderSystem) -> list[FloatArray]:
+    """M, C, K, F of every contribution, (e, n, *) each; ModelError unless they add up to the system's own."""
+    stacked = []
     for key in ("M", "C", "K", "F"):
         total = getattr(system, key)
-        parts = [getattr(share, key) for share in system.contributions]
-        size = sum((np.abs(part) for part in parts), np.abs(total))
-        missing = np.abs(total - sum(parts, np.zeros_like(total)))
-        if np.any(missing > 1e-9 * size):
+        parts = np.stack([getattr(share, key) for share in system.contributions])
+        missing = np.abs(total - np.sum(parts, axis=0))
+        if np.any(missing > 1e-9 * (np.abs(total) + np.sum(np.abs(parts), axis=0))):
             raise ModelError(f"contributions: they do not add up to {key}; largest difference {np.max(missing):.3g}")
+        stacked.append(parts)
+    return stacked
 
 
-def _quadratic(matrix: FloatArray, shapes: ComplexArray) -> ComplexArray:
-    return np.asarray(np.sum(shapes.conj() * (matrix @ shapes), axis=0), dtype=np.complex128)
+def _quadratic(matrices: FloatArray, shapes: ComplexArray) -> ComplexArray:
+    """a^H A a for every matrix and every shape; (..., m)."""
+    return np.asarray(np.sum(shapes.conj() * (matrices @ shapes), axis=-2), dtype=np.complex128)
 
 
 def _internal_response(system: SecondOrderSystem, s: ComplexArray) -> ComplexArray | None:
@@ -139,10 +137,12 @@ def _internal_response(system: SecondOrderSystem, s: ComplexArray) -> ComplexArr
         return response
 
 
-def _circulation(share: Contribution, transfer: ComplexArray | None, shapes: ComplexArray) -> FloatArray:
-    """Im a^H Re(Z_e)_2 a of an element with internal states, Z_e = -F_e T; (m,)."""
-    if transfer is None or not np.any(share.F):
-        return np.zeros(shapes.shape[-1])
-    real = -(share.F @ transfer).real
-    antisymmetric = (real - transpose(real)) / 2.0
-    return np.asarray(np.einsum("im,mij,jm->m", shapes.conj(), antisymmetric, shapes).imag)
+def _circulation(F: FloatArray, response: ComplexArray | None, shapes: ComplexArray) -> FloatArray:
+    """Im a^H Re(Z_e)_2 a of elements with internal states, Z_e = -F_e T; (e, m)."""
+    circulation = np.zeros((F.shape[0], shapes.shape[-1]))
+    acting = np.flatnonzero(np.any(F != 0.0, axis=(-2, -1)))
+    if response is not None and len(acting):
+        real = -(F[acting, None] @ response).real
+        antisymmetric = (real - transpose(real)) / 2.0
+        circulation[acting] = np.einsum("im,emij,jm->em", shapes.conj(), antisymmetric, shapes).imag
+    return circulation

@@ -251,7 +251,8 @@ def mode_labels(system: SecondOrderSystem, share: FloatArray) -> tuple[str, ...]
     for k in range(share.shape[1]):
         own_internal = np.sum(inner[:, k]) > np.sum(by_dof[:, k])
         names, weights = (system.internal, inner[:, k]) if own_internal else (system.dofs, by_dof[:, k])
-        order = np.argsort(-weights, kind="stable")
+        # Shares equal to a tenth keep the order of the coordinates, so that twins are named alike.
+        order = np.argsort(-np.round(weights / max(float(np.max(weights)), np.finfo(float).tiny), 1), kind="stable")
         leading = [i for i in order if weights[i] >= NAMED_SHARE * weights[order[0]]][:LABEL_LENGTH]
         labels.append(" / ".join(names[i].replace(".", " ") for i in leading))
     return tuple(labels)

@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
 
 from maglev_ctrl.arrays import ComplexArray, FloatArray, join_columns, join_rows, read_only_any
 from maglev_ctrl.errors import ModelError
@@ -155,9 +154,17 @@ def _discs(s: ComplexArray, condition: FloatArray, perturbation: float, unit: fl
         fallback = np.where((count > k) & np.isinf(fallback), radius, fallback)
     caps = np.where(np.isinf(caps), fallback, caps)
     discs = np.minimum(SAFETY * perturbation * condition, np.maximum(caps, SAFETY * perturbation))
-    touching = distance <= discs[:, None] + discs[None, :]
-    _, labels = connected_components(touching, directed=False)
-    return discs, labels
+    return discs, _connected(distance <= discs[:, None] + discs[None, :])
+
+
+def _connected(touching: NDArray[np.bool_]) -> NDArray[Any]:
+    """Label of the connected component of each node: the smallest index that reaches it."""
+    labels = np.arange(len(touching))
+    while True:
+        spread = np.min(np.where(touching, labels[None, :], len(labels)), axis=1)
+        if np.array_equal(spread, labels):
+            return labels
+        labels = spread
 
 
 def _cluster_bounds(s: ComplexArray, discs: FloatArray, labels: NDArray[Any]) -> tuple[FloatArray, NDArray[np.bool_]]:

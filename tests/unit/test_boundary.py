@@ -11,7 +11,6 @@ from maglev_ctrl.analysis.tracking import frequency_crossings, track
 from maglev_ctrl.errors import ModelError, NotStable, OutOfDomain
 from maglev_ctrl.systems import SecondOrderSystem
 
-
 # Meijaard, Papadopoulos, Ruina & Schwab, Proc. R. Soc. A 463 (2007) 1955: the benchmark bicycle.
 BICYCLE_M = np.array([[80.81722, 2.31941332208709], [2.31941332208709, 0.29784188199686]])
 BICYCLE_C1 = np.array([[0.0, 33.86641391492494], [-0.85035641456978, 1.6854039739756]])

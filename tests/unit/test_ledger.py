@@ -81,8 +81,9 @@ def test_circulatory_internal_element_is_told_from_a_damping_one() -> None:
     # Two coordinates, lags at zero frequency act as a rotational (circulatory) force: F (-A)^-1 G = skew.
     zero = np.zeros((2, 2))
     skew = np.array([[0.0, 1.0], [-1.0, 0.0]])
+    body = share("body", np.eye(2), 0.1 * np.eye(2), 25 * np.eye(2), zero)
     system = summed(
-        [share("body", np.eye(2), 0.1 * np.eye(2), 25 * np.eye(2), zero), share("actuators", zero, zero, zero, 0.3 * skew)],
+        [body, share("actuators", zero, zero, zero, 0.3 * skew)],
         internal=("a.force", "b.force"), A_internal=-1e4 * np.eye(2), G_q=1e4 * np.eye(2),
     )  # fmt: skip
     found = modes(system)

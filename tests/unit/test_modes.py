@@ -223,3 +223,17 @@ def test_wrong_use_is_named() -> None:
         state_abscissa(np.zeros((2, 3)))
     with pytest.raises(ModelError, match="mass matrix"):
         modes(SecondOrderSystem.from_matrices([[0.0]], [[0.1]], [[4.0]]))
+
+
+def test_free_body_is_neutral_and_unresolved() -> None:
+    found = modes(SecondOrderSystem.from_matrices([[3.0]], [[0.0]], [[0.0]], dofs=("car.surge",)))
+    assert set(found.kind) == {ModeKind.NEUTRAL}  # a defective double zero: no finite condition, a finite bound
+    assert np.all(np.isfinite(found.error_bound))
+    assert found.verdict is StabilityVerdict.UNRESOLVED
+    assert np.isnan(found.damping_ratio).all()
+
+
+def test_two_names_of_twins_keep_the_order_of_coordinates() -> None:
+    K = np.array([[4.0, 0.5], [0.5, 4.0]])
+    found = modes(SecondOrderSystem.from_matrices(np.eye(2), 0.1 * np.eye(2), K, dofs=("front.heave", "rear.heave")))
+    assert found.labels == ("front heave / rear heave (1)", "front heave / rear heave (2)")
