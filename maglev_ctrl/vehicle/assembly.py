@@ -11,7 +11,7 @@ from maglev_ctrl.arrays import FloatArray, read_only
 from maglev_ctrl.errors import ModelError
 from maglev_ctrl.systems import Contribution, SecondOrderSystem
 from maglev_ctrl.vehicle.kinematics import Poses, poses
-from maglev_ctrl.vehicle.loads import magnet_field
+from maglev_ctrl.vehicle.loads import MagnetField, magnet_field
 from maglev_ctrl.vehicle.operating import Equilibrium, OperatingPoint
 from maglev_ctrl.vehicle.outputs import coordinate_rows, link_rows, magnet_rows, sensor_rows
 from maglev_ctrl.vehicle.shares import (
@@ -59,12 +59,13 @@ def linearize(vehicle: Vehicle, at: Equilibrium | OperatingPoint, *, pade_order:
     _check_fits(vehicle, state)
     n = len(vehicle.dofs)
     found = poses(vehicle, state.displacement)
-    shares = _shares(vehicle, state, found, pade_order)
+    fields = magnet_field(vehicle, state.posture, found)
+    shares = _shares(vehicle, state, found, fields, pade_order=pade_order)
     M, C, K = (np.sum([getattr(share, key) for share in shares], axis=0) for key in ("M", "C", "K"))
     _check_mass(M)
     rows = [
         *sensor_rows(vehicle, found),
-        *magnet_rows(vehicle, magnet_field(vehicle, state.posture, found)),
+        *magnet_rows(vehicle, fields),
         *(row for link in vehicle.links for row in link_rows(link, found, n)),
     ]
     internal = tuple(name for share in shares for name in share.internal)
@@ -128,7 +129,7 @@ def stiffness_modulation(
     found = poses(vehicle, state.displacement)
     stations = [magnet.position[0] for magnet in vehicle.magnets]
     stations += [vehicle.body(element.body).position[0] for element in vehicle.coefficient_elements]
-    shares = [share.K for share in _magnetic_shares(vehicle, state, found)]
+    shares = [share.K for share in _magnetic_shares(vehicle, state, found, magnet_field(vehicle, state.posture, found))]
     K = np.stack(shares) if shares else np.zeros((0, n, n))
     phase = 2.0 * np.pi * orders[:, None] * np.asarray(stations) / wavelength
     amplitude = np.asarray(harmonics, dtype=np.float64)[:, None]
@@ -137,25 +138,25 @@ def stiffness_modulation(
     return read_only(K_cos, name="K_cos"), read_only(K_sin, name="K_sin")
 
 
-def _magnetic_shares(vehicle: Vehicle, state: Equilibrium, found: Poses) -> list[Share]:
+def _magnetic_shares(vehicle: Vehicle, state: Equilibrium, found: Poses, fields: MagnetField) -> list[Share]:
     n = len(vehicle.dofs)
     return [
-        *magnet_shares(vehicle, magnet_field(vehicle, state.posture, found), n),
+        *magnet_shares(vehicle, fields, n),
         *(coefficient_share(e, found, speed=state.at.speed, size=n) for e in vehicle.coefficient_elements),
     ]
 
 
-def _shares(vehicle: Vehicle, state: Equilibrium, found: Poses, pade_order: int) -> list[Share]:
+def _shares(vehicle: Vehicle, state: Equilibrium, found: Poses, fields: MagnetField, *, pade_order: int) -> list[Share]:
     n = len(vehicle.dofs)
     shares = [
         *body_shares(found, n),
-        *_magnetic_shares(vehicle, state, found),
+        *_magnetic_shares(vehicle, state, found, fields),
         *(spring_damper_share(e, found, n) for e in vehicle.connections),
         *(actuator_share(e, found, pade_order=pade_order, size=n) for e in vehicle.actuators),
         *aerodynamic_shares(vehicle, state.posture, found, n),
     ]
     if vehicle.geometric_stiffness:
-        shares.append(geometry_share(vehicle, state.posture, found, magnet_field(vehicle, state.posture, found)))
+        shares.append(geometry_share(vehicle, state.posture, found, fields))
     return shares
 
 

@@ -84,6 +84,8 @@ def rotation_matrix(vector: FloatArray) -> FloatArray:
     >>> rotation_matrix(np.array([0.0, 0.0, np.pi / 2])).round(12)[1, 0]
     np.float64(1.0)
     """
+    if not np.any(vector):
+        return np.eye(3)
     angle = float(np.linalg.norm(vector))
     cross = skew(vector)
     # sinc keeps the small-angle limit exact.
@@ -100,12 +102,12 @@ def skew(vector: FloatArray) -> FloatArray:
 
 def point_jacobian(pose: Pose, point: Vector, *, size: int) -> FloatArray:
     """J = [I, -[r]x] of a point over all `size` coordinates (Sec. 2.3 of the theory); (3, size)."""
-    return _spread(pose, np.hstack([np.eye(3), -skew(pose.lever(point))]), size)
+    return _spread(pose, _rigid_motion(pose.lever(point)), size)
 
 
 def paper_jacobian(pose: Pose, point: Vector, *, size: int) -> FloatArray:
     """The same with a lateral displacement that ignores roll, as the paper's Eq. 43; (3, size)."""
-    local = np.hstack([np.eye(3), -skew(pose.lever(point))])
+    local = _rigid_motion(pose.lever(point))
     local[1] = [0.0, 1.0, 0.0, 0.0, 0.0, pose.arm(point)[0]]
     return _spread(pose, local, size)
 
@@ -143,7 +145,15 @@ def geometric_stiffness(pose: Pose, lever: FloatArray, force: FloatArray, *, siz
     return total
 
 
+def _rigid_motion(lever: FloatArray) -> FloatArray:
+    """[I, -[r]x]; (3, 6)."""
+    x, y, z = lever
+    return np.array([[1.0, 0.0, 0.0, 0.0, z, -y], [0.0, 1.0, 0.0, -z, 0.0, x], [0.0, 0.0, 1.0, y, -x, 0.0]])
+
+
 def _spread(pose: Pose, local: FloatArray, size: int) -> FloatArray:
     total = np.zeros((3, size))
-    total[:, list(pose.columns)] = local[:, list(pose.axes)]
+    # A body's columns stand side by side.
+    start = pose.columns[0] if pose.columns else 0
+    total[:, start : start + len(pose.columns)] = local[:, pose.axes]
     return total

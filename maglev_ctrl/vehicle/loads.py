@@ -45,13 +45,16 @@ class MagnetField:
     motion: FloatArray
 
 
-def magnet_field(vehicle: Vehicle, posture: Posture, found: Poses, *, rates: FloatArray | None = None) -> MagnetField:
+def magnet_field(
+    vehicle: Vehicle, posture: Posture, found: Poses, *, rates: FloatArray | None = None, partials: bool = True
+) -> MagnetField:
     """Every magnet's force and partials at a posture.
 
     Parameters
     ----------
     found : poses of the bodies
     rates : (n,) coordinate velocities; they change the speed over the guideway
+    partials : whether to find the partials too (zero otherwise)
 
     Raises
     ------
@@ -71,18 +74,18 @@ def magnet_field(vehicle: Vehicle, posture: Posture, found: Poses, *, rates: Flo
         if posture.gap is not None:
             gaps[i] = posture.gap - magnet.side * (posture.offset + shift[1])
     forward = np.zeros(m) if rates is None else jacobian[:, 0] @ rates
-    lift, guidance, drag, partials = _evaluate(vehicle.magnets, heights, gaps, posture.speed + forward)
+    speed = posture.speed + forward
+    lift, guidance, drag, slopes = _evaluate(vehicle.magnets, heights, gaps, speed, partials=partials)
     share = posture.strength * np.array([magnet.count for magnet in vehicle.magnets])
     side = np.array([float(magnet.side) for magnet in vehicle.magnets])
     force = np.stack([-share * drag, -side * share * guidance, share * lift], axis=-1).reshape(m, 3)
     # Partials of (lift, guidance, drag) become partials of the vector (-D, -side G, L).
     signs = np.stack([-share, -side * share, share], axis=-1).reshape(m, 3, 1)
-    vectors = signs * partials[:, [2, 1, 0], :]
+    vectors = signs * slopes[:, [2, 1, 0], :]
     by_height, by_gap, by_speed, by_rise, by_widening = np.moveaxis(vectors, -1, 0)
     zero = np.zeros((m, 3))
-    speed = posture.speed + forward
     moving = speed > 0.0
-    drag_direction = share * np.where(moving, drag / np.where(moving, speed, 1.0), partials[:, 2, 2])
+    drag_direction = share * np.where(moving, drag / np.where(moving, speed, 1.0), slopes[:, 2, 2])
     return MagnetField(
         heights=heights,
         gaps=gaps,
@@ -99,13 +102,13 @@ def magnet_field(vehicle: Vehicle, posture: Posture, found: Poses, *, rates: Flo
 
 
 def _evaluate(
-    magnets: tuple[Magnet, ...], heights: FloatArray, gaps: FloatArray, speeds: FloatArray
+    magnets: tuple[Magnet, ...], heights: FloatArray, gaps: FloatArray, speeds: FloatArray, *, partials: bool
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Lift, guidance, drag (m,) of single magnets and partials (m, 3, 5): rows lift, guidance, drag; columns
     height, gap, speed, rising, widening. Magnets that share a model are evaluated together.
     """
     forces = np.zeros((len(magnets), 3))
-    partials = np.zeros((len(magnets), 3, 5))
+    slopes = np.zeros((len(magnets), 3, 5))
     groups: dict[tuple[int, bool], tuple[AbstractForceModel, list[int]]] = {}
     for i, magnet in enumerate(magnets):
         blind = magnet.side == 0 and magnet.force.domain.gap is None
@@ -113,16 +116,16 @@ def _evaluate(
     for (_, blind), (model, members) in groups.items():
         gap = None if blind or np.any(np.isnan(gaps[members])) else gaps[members]
         found = model.forces(heights[members], gap, speeds[members])
-        derived = model.derivatives(heights[members], gap, speeds[members])
-        parts = (
-            derived.by_height, derived.by_gap, derived.by_speed,
-            derived.by_vertical_velocity, derived.by_lateral_velocity,
-        )  # fmt: skip
-        for row, name in enumerate(("lift", "guidance", "drag")):
-            forces[members, row] = getattr(found, name)
-            for column, part in enumerate(parts):
-                partials[members, row, column] = getattr(part, name)
-    return forces[:, 0], forces[:, 1], forces[:, 2], partials
+        forces[members] = np.stack([found.lift, found.guidance, found.drag], axis=-1)
+        if partials:
+            derived = model.derivatives(heights[members], gap, speeds[members])
+            parts = (
+                derived.by_height, derived.by_gap, derived.by_speed,
+                derived.by_vertical_velocity, derived.by_lateral_velocity,
+            )  # fmt: skip
+            columns = [np.stack([part.lift, part.guidance, part.drag], axis=-1) for part in parts]
+            slopes[members] = np.stack(columns, axis=-1)
+    return forces[:, 0], forces[:, 1], forces[:, 2], slopes
 
 
 def generalized_force(
@@ -143,7 +146,7 @@ def generalized_force(
     ------
     OutOfDomain : a magnet outside its force model's data
     """
-    rates = np.zeros(len(vehicle.dofs)) if velocity is None else np.asarray(velocity, dtype=np.float64)
+    rates = None if velocity is None else np.asarray(velocity, dtype=np.float64)
     return net_force(vehicle, at.posture, increment=np.asarray(displacement), rates=rates) - at.unbalanced
 
 
@@ -155,8 +158,10 @@ def net_force(
     step = np.zeros(n) if increment is None else increment
     velocity = np.zeros(n) if rates is None else rates
     start = poses(vehicle, posture.displacement)
-    now = poses(vehicle, posture.displacement, step)
-    total = posture.loads + magnet_force(magnet_field(vehicle, posture, now, rates=velocity), velocity)
+    now = start if increment is None else poses(vehicle, posture.displacement, step)
+    # At rest the partials with respect to velocities play no part.
+    field = magnet_field(vehicle, posture, now, rates=velocity, partials=rates is not None)
+    total = posture.loads + magnet_force(field, velocity)
     for pose in now.values():
         weight = np.array([0.0, 0.0, -pose.body.mass * vehicle.gravity])
         total = total + point_jacobian(pose, pose.body.position, size=n).T @ weight
@@ -254,7 +259,7 @@ def _connection_force(
 
 def longitudinal_thrust(vehicle: Vehicle, posture: Posture) -> Mapping[str, float]:
     """Thrust on each body that balances the drag of its magnets and of the air, N."""
-    field = magnet_field(vehicle, posture, poses(vehicle, posture.displacement))
+    field = magnet_field(vehicle, posture, poses(vehicle, posture.displacement), partials=False)
     thrust = {body.name: 0.0 for body in vehicle.bodies}
     for magnet, drag in zip(vehicle.magnets, field.drag, strict=True):
         thrust[magnet.body] += float(drag)

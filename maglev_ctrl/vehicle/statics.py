@@ -91,7 +91,7 @@ def _dead_loads(vehicle: Vehicle, loads: Mapping[str, float]) -> FloatArray:
 
 def _trim(vehicle: Vehicle, level: Posture) -> float:
     """Common factor on the magnets' forces that makes the lift carry the weight and the vertical dead loads."""
-    field = magnet_field(vehicle, level, poses(vehicle, level.displacement))
+    field = magnet_field(vehicle, level, poses(vehicle, level.displacement), partials=False)
     lift = float(np.sum(field.lift))
     heave = [i for i, name in enumerate(vehicle.dofs) if name.endswith(".heave")]
     weight = vehicle.mass * vehicle.gravity - float(np.sum(level.loads[heave]))
@@ -242,7 +242,7 @@ def _at(vehicle: Vehicle, level: Posture, displacement: FloatArray) -> Posture:
 
 
 def _record(vehicle: Vehicle, at: OperatingPoint, hold: Hold, posture: Posture) -> Equilibrium:
-    field = magnet_field(vehicle, posture, poses(vehicle, posture.displacement))
+    field = magnet_field(vehicle, posture, poses(vehicle, posture.displacement), partials=False)
     return Equilibrium(
         at=at,
         hold=hold,

@@ -135,6 +135,19 @@ def test_matrices_are_differences_of_the_nonlinear_force(dofs, hold) -> None:
     np.testing.assert_allclose(generalized_force(vehicle, state, np.zeros(len(vehicle.dofs))), 0.0, atol=1e-9)
 
 
+@pytest.mark.parametrize("hold", ["height", "strength"])
+def test_the_papers_kinematics_is_consistent_with_itself(hold) -> None:
+    vehicle = replace(rich_vehicle(("sway", "heave", "roll", "yaw")), kinematics="paper")
+    state = equilibrium(vehicle, AT, hold=hold)
+    system = linearize(vehicle, state)
+    scale = np.max(np.abs(system.K))
+    np.testing.assert_allclose(differences(vehicle, state, velocity=False), system.K, atol=2e-8 * scale)
+    damping = np.max(np.abs(system.C))
+    np.testing.assert_allclose(differences(vehicle, state, velocity=True), system.C, atol=1e-8 * damping)
+    mutant = linearize(replace(vehicle, kinematics="consistent"), state)
+    assert np.max(np.abs(mutant.K - system.K)) > 1e-3 * scale
+
+
 def test_geometric_stiffness_mutants_are_caught() -> None:
     vehicle = rich_vehicle()
     state = equilibrium(vehicle, AT, hold="strength")
