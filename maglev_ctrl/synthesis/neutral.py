@@ -13,8 +13,8 @@ from maglev_ctrl.errors import ModelError
 from maglev_ctrl.synthesis.weights import QuadraticWeights
 
 Uncontrollable = Literal["refuse", "leave"]
-AXIS = 1e-7
-"""A pole closer to the axis than this share of the size of the state matrix counts as neutral."""
+AXIS = 1e-10
+"""A pole left of the axis by less than this share of the size of the state matrix counts as neutral."""
 HIDDEN = 1e-8
 """A direction weaker than this (balanced coordinates, unit vectors) counts as zero."""
 
@@ -44,14 +44,8 @@ class Prepared:
     notes: tuple[str, ...]
 
 
-def hidden_modes(
-    A: FloatArray, rows: FloatArray, states: tuple[str, ...], *, neutral_only: bool = False
-) -> tuple[HiddenMode, ...]:
+def hidden_modes(A: FloatArray, rows: FloatArray, states: tuple[str, ...]) -> tuple[HiddenMode, ...]:
     """Modes that are not stable and that `rows` (ny, n) do not see, one per conjugate pair.
-
-    Parameters
-    ----------
-    neutral_only : leave out modes that grow
 
     Examples
     --------
@@ -67,8 +61,7 @@ def hidden_modes(
     unit = scaled[lengths > 0.0] / lengths[lengths > 0.0, None]
     found: list[HiddenMode] = []
     for k, pole in enumerate(poles):
-        growing, neutral = pole.real > AXIS * size, abs(pole.real) <= AXIS * size
-        if pole.imag < 0.0 or not (neutral or (growing and not neutral_only)):
+        if pole.imag < 0.0 or pole.real < -AXIS * size:
             continue
         if unit.size and float(np.max(np.abs(unit @ right[:, k]))) > HIDDEN:
             continue
@@ -92,9 +85,10 @@ def prepare(
 ) -> Prepared:
     """Make the regulator problem solvable without hiding how.
 
-    A neutral mode that no weight sees gets a weight q on its modal coordinate, q = rate^2 / (w^H B R_s^-1 B' w), with
-    R_s the price of a command at the mode's own frequency s, what it stirs in the weighted outputs included. To first
-    order this moves the pole to the left by `neutral_rate` and nothing else. A mode no actuator can move is refused,
+    A mode that no weight sees and that neither decays nor grows faster than `neutral_rate` gets a weight q on its modal
+    coordinate, q = (rate^2 - Re(s)^2) / (w^H B R_s^-1 B' w), with R_s the price of a command at the mode's own pole s,
+    what it stirs in the weighted outputs included. To first order the pole then decays at `neutral_rate` and nothing
+    else moves. A mode no actuator can move is refused,
     or left as it is: the design then treats it as decaying, so that the other modes are controlled, and the note says
     that it stays.
 
@@ -117,10 +111,13 @@ def prepare(
     solved = np.linalg.solve(weights.R, weights.N.T)
     seen = np.vstack([weights.rows - weights.through @ solved, solved])
     bare, Q_bare = A_design - B @ solved, weights.Q - weights.N @ solved
-    for mode in hidden_modes(bare, seen, states, neutral_only=True):
+    for mode in hidden_modes(bare, seen, states):
         if not mode.simple:
             raise ModelError(f"no weight sees {mode.label}, which drifts freely: weigh its position")
-        weight = neutral_rate**2 / _reach(bare, B, Q_bare, weights.R, mode)
+        if mode.pole.real >= neutral_rate:
+            notes.append(f"no weight sees {mode.label}, which grows: it is turned to decay at the same rate")
+            continue
+        weight = (neutral_rate**2 - mode.pole.real**2) / _reach(bare, B, Q_bare, weights.R, mode)
         Q += weight * np.outer(mode.left, np.conj(mode.left)).real * (1.0 if mode.pole.imag == 0.0 else 2.0)
         notes.append(
             f"no weight sees {mode.label}: its modal coordinate is weighted by {weight:.3g} to decay at "

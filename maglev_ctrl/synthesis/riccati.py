@@ -24,6 +24,7 @@ from maglev_ctrl.synthesis.riccati_seeds import FALLBACK, PRIMARY, Seed
 
 EPS = float(np.finfo(float).eps)
 NEWTON_STEPS = 40
+ON_AXIS = "the Hamiltonian has eigenvalues on the imaginary axis: no stabilising solution"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -201,11 +202,12 @@ def _agreement(equation: _Equation, seeds: dict[str, FloatArray], refined: _Refi
 def _unsolvable(equation: _Equation, refined: _Refined) -> tuple[Status, str]:
     """A closed loop that is all but neutral may be rounding's answer to a problem without one."""
     size = float(np.linalg.norm(equation.A_bare, 2))
-    if refined.abscissa < -1e-6 * size:
+    converged = refined.step <= 1e-14
+    if refined.abscissa < -1e-6 * size or (converged and refined.abscissa < -1e-12 * size):
         return Status.SOLVED, ""
     status, message = _diagnosis(equation)
-    if refined.step <= 1e-12 and "Hamiltonian" in message:
-        return Status.SOLVED, ""  # Newton's method converged at full speed: the poles are near the axis, not on it
+    if converged and message == ON_AXIS:
+        return Status.SOLVED, ""  # a mere look at the Hamiltonian cannot tell "near the axis" from "on it"
     return status, message
 
 
@@ -324,7 +326,7 @@ def _diagnosis(equation: _Equation) -> tuple[Status, str]:
     poles = np.linalg.eigvals(hamiltonian(equation.A_bare, equation.G, equation.Q_bare))
     nearest = float(np.min(np.abs(poles.real)))
     if nearest <= 1e-7 * float(np.max(np.abs(poles))):
-        return Status.INFEASIBLE, "the Hamiltonian has eigenvalues on the imaginary axis: no stabilising solution"
+        return Status.INFEASIBLE, ON_AXIS
     return Status.NUMERICAL_ERROR, "no method gave a stabilising solution"
 
 

@@ -130,6 +130,20 @@ def test_an_unseen_undamped_oscillation_is_regularised():
     assert "+-" in design.notes[0]
 
 
+def test_a_growing_mode_that_no_weight_sees_is_mirrored_and_told():
+    plant = _with_sway(damping=-0.4, reach=0.5)
+    design = design_lqr(plant, [OutputWeight("car.heave", 0.1)], [InputWeight("lift", 1.0)])
+    assert "grows" in design.notes[0]
+    assert np.min(np.abs(design.certificate.closed_loop_eigenvalues + 0.4)) < 1e-9
+
+
+def test_a_slowly_decaying_mode_without_actuator_is_no_obstacle():
+    plant = _with_sway(damping=1e-4)
+    design = design_lqr(plant, [OutputWeight("car.heave", 0.1)], [InputWeight("lift", 1.0)])
+    assert design.require().notes == ()
+    assert design.certificate.spectral_abscissa == pytest.approx(-1e-4)
+
+
 def test_a_mode_without_actuator_is_refused_or_left_in_the_open():
     plant = _with_sway()
     with pytest.raises(ModelError, match=r"cannot move .*car\.sway\.velocity"):
