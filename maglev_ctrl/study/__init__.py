@@ -9,6 +9,7 @@ from maglev_ctrl.study.records import (
     RootLocus,
     Sweep,
 )
+from maglev_ctrl.study.run import run
 
 __all__ = [
     "Comparison",
@@ -18,4 +19,5 @@ __all__ = [
     "RequirementResult",
     "RootLocus",
     "Sweep",
+    "run",
 ]

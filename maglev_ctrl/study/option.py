@@ -1,0 +1,185 @@
+"""The recipe for one suspension option, from its elements to its verdicts."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from maglev_ctrl.analysis.margins import Margins, loop_margins
+from maglev_ctrl.analysis.modes import modes
+from maglev_ctrl.errors import MaglevError, ModelError, NotStable, OutOfDomain
+from maglev_ctrl.scenario import OptionRecord, Scenario, describe_option
+from maglev_ctrl.study.evidence import Evidence, MarginPoint, SweepCheck
+from maglev_ctrl.study.law import delayed_certificate, design_law
+from maglev_ctrl.study.loops import nyquist_curves, option_loops, root_locus
+from maglev_ctrl.study.periodic import floquet_study
+from maglev_ctrl.study.records import FloquetStudy, NyquistCurve, OptionStudy, RootLocus, Sweep
+from maglev_ctrl.study.requirements import judge, not_evaluated
+from maglev_ctrl.study.situation import OptionModel, Situation
+from maglev_ctrl.study.sweeps import sweep, sweep_values, varied
+from maglev_ctrl.synthesis.design import Design
+from maglev_ctrl.systems import Controller
+
+Step = Callable[[str], None]
+MARGIN_SWEEPS = ("speed", "payload")
+
+
+def study_option(scenario: Scenario, option: OptionRecord, *, step: Step = lambda what: None) -> OptionStudy:
+    """Everything about one option; what has no answer is recorded with its reason, never dropped.
+
+    Parameters
+    ----------
+    step : told what is being worked on
+    """
+    started = time.perf_counter()
+    model = OptionModel(scenario, option)
+    vehicle = model.vehicle()
+    blank = OptionStudy(
+        name=option.name, label=option.label or option.name, kind=option.kind,
+        summary=describe_option(scenario, option), vehicle=vehicle, failure="", equilibrium=None, system=None,
+        open_system=None, modes=None, design=None, sweeps=(), locus=None, margins=None, margins_reason="", nyquist=(),
+        floquet=None, floquet_reason="", requirements=(), notes=(), seconds=0.0,
+    )  # fmt: skip
+    try:
+        done = _study(model, option, blank, step)
+    except (MaglevError, ValueError, np.linalg.LinAlgError) as fault:
+        reason = f"{fault}"
+        refused = tuple(not_evaluated(requirement, reason) for requirement in scenario.requirements)
+        done = replace(blank, failure=reason, requirements=refused)
+    return replace(done, seconds=time.perf_counter() - started)
+
+
+def _study(model: OptionModel, option: OptionRecord, blank: OptionStudy, step: Step) -> OptionStudy:
+    scenario = model.scenario
+    point = Situation.of_design(scenario)
+    step("equilibrium and control law")
+    _, balanced = model.balance(point)
+    design = design_law(scenario, option, model)
+    controller = design.controller if design else None
+    notes = _notes(model, design)
+    closed = model.closed_of(blank.vehicle, point, controller)
+    found = modes(closed)
+    step("sweeps")
+    sweeps = tuple(sweep(model, controller, parameter=name, values=values) for name, values in sweep_values(scenario))
+    checks = {one.parameter: _checks(model, controller, one) for one in sweeps}
+    step("margins")
+    margin_points, locus, curves = _margins(model, controller, sweeps)
+    step("resonance map")
+    periodic, periodic_reason = _periodic(model, controller)
+    step("requirements")
+    evidence = Evidence(
+        modes=found,
+        sweeps={one.parameter: one for one in sweeps},
+        sweep_checks=checks,
+        margin_points=margin_points,
+        has_loops=locus is not None,
+        floquet=periodic,
+        floquet_reason=periodic_reason,
+        design_values=_design_values(model),
+    )
+    first = margin_points[0] if margin_points else None
+    return replace(
+        blank,
+        equilibrium=balanced,
+        system=closed,
+        open_system=model.plant(point),
+        modes=found,
+        design=design,
+        sweeps=sweeps,
+        locus=locus,
+        margins=first.margins if first else None,
+        margins_reason=first.reason if first else "the option adds no element and no loop: there is nothing to break",
+        nyquist=curves,
+        floquet=periodic,
+        floquet_reason=periodic_reason,
+        requirements=tuple(judge(requirement, evidence) for requirement in scenario.requirements),
+        notes=notes,
+    )
+
+
+def _notes(model: OptionModel, design: Design | None) -> tuple[str, ...]:
+    """What the reader must know about the law: its origin, its status, its certificate with delays."""
+    if design is None:
+        return ()
+    held = delayed_certificate(model, design)
+    verdict = f"with actuator delays the certificate does not hold: {held}" if held else ""
+    return tuple(note for note in (*design.notes, verdict) if note)
+
+
+def _checks(model: OptionModel, controller: Controller | None, one: Sweep) -> tuple[SweepCheck, ...]:
+    """The points of largest growth (also between sweep points) and of least damping, examined by two methods."""
+    design = Situation.of_design(model.scenario)
+    worst: list[float] = []
+    if np.any(np.isfinite(one.boundaries.abscissa)):
+        worst.append(float(one.boundaries.parameter[int(np.nanargmax(one.boundaries.abscissa))]))
+    if np.any(np.isfinite(one.least_damping)):
+        worst.append(float(one.values[int(np.nanargmin(one.least_damping))]))
+    found: list[SweepCheck] = []
+    for value in dict.fromkeys(worst):
+        situation = varied(design, one.parameter, value)
+        closed = model.closed_of(model.vehicle(situation.payload), situation, controller)
+        found.append(SweepCheck(f"{one.parameter.replace('_', ' ')} {value * one.scale:.4g} {one.unit}", modes(closed)))
+    return tuple(found)
+
+
+def _margins(
+    model: OptionModel, controller: Controller | None, sweeps: tuple[Sweep, ...]
+) -> tuple[tuple[MarginPoint, ...], RootLocus | None, tuple[NyquistCurve, ...]]:
+    """Margins at the design point first, then at the ends and at the least damped point of speed and payload sweeps."""
+    design = Situation.of_design(model.scenario)
+    loops = option_loops(model, design, controller)
+    if loops is None:
+        return (), None, ()
+    points = [_margin_point("design point", model, controller, design)]
+    for one in sweeps:
+        if one.parameter in MARGIN_SWEEPS:
+            for value in _margin_values(one):
+                where = f"{one.parameter} {value * one.scale:.4g} {one.unit}"
+                points.append(_margin_point(where, model, controller, varied(design, one.parameter, value)))
+    return tuple(points), root_locus(loops), nyquist_curves(loops.loop())
+
+
+def _margin_values(one: Sweep) -> list[float]:
+    known = np.flatnonzero(np.isfinite(one.abscissa))
+    if not known.size:
+        return []
+    values = {float(one.values[known[0]]), float(one.values[known[-1]])}
+    if np.any(np.isfinite(one.least_damping)):
+        values.add(float(one.values[int(np.nanargmin(one.least_damping))]))
+    return sorted(values)
+
+
+def _margin_point(where: str, model: OptionModel, controller: Controller | None, situation: Situation) -> MarginPoint:
+    try:
+        loops = option_loops(model, situation, controller)
+        found: Margins | None = loop_margins(loops.loop()) if loops else None
+    except NotStable as fault:
+        return MarginPoint(where, None, f"{fault}")
+    except (ModelError, OutOfDomain, np.linalg.LinAlgError) as fault:
+        return MarginPoint(where, None, f"{fault}")
+    return MarginPoint(where, found, "")
+
+
+def _periodic(model: OptionModel, controller: Controller | None) -> tuple[FloquetStudy | None, str]:
+    if model.scenario.periodic is None:
+        return None, "the scenario describes no periodic forcing"
+    try:
+        return floquet_study(model, controller), ""
+    except (MaglevError, ValueError, np.linalg.LinAlgError) as fault:
+        return None, f"{fault}"
+
+
+def _design_values(model: OptionModel) -> dict[str, float]:
+    """The design point's own value of every parameter that can be swept."""
+    operating = model.scenario.operating
+    values = {
+        "speed": operating.speed,
+        "height": operating.height,
+        "lateral_offset": operating.lateral_offset,
+        "payload": model.scenario.vehicle.car.payload,
+    }
+    return values if operating.gap is None else {**values, "gap": operating.gap}
+

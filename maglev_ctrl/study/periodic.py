@@ -1,0 +1,193 @@
+"""Periodic forcing of one option: multipliers at the design point, the resonance map, the depth it survives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from maglev_ctrl.analysis.floquet import Floquet, floquet
+from maglev_ctrl.analysis.resonance_map import CriticalDepth, ResonanceMap, critical_depth, resonance_map
+from maglev_ctrl.arrays import FloatArray, read_only_any
+from maglev_ctrl.errors import ModelError, OutOfDomain
+from maglev_ctrl.guideway import passing_frequency
+from maglev_ctrl.scenario.scenario_schema import Periodic
+from maglev_ctrl.study.records import FloquetStudy
+from maglev_ctrl.study.situation import OptionModel, Situation
+from maglev_ctrl.systems import Controller, PeriodicSystem, close_loop, modulate
+from maglev_ctrl.vehicle import Vehicle, linearize, stiffness_modulation
+
+BRACKET = 1e-3  # the deciding depth is checked this far (relative) on either side
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Forcing:
+    """The option's periodic system at any speed, its modulation at unit depth."""
+
+    model: OptionModel
+    vehicle: Vehicle
+    controller: Controller | None
+    periodic: Periodic
+
+    def at(self, speed: float) -> PeriodicSystem:
+        situation = replace(Situation.of_design(self.model.scenario), speed=speed)
+        held, balanced = self.model.balance_of(self.vehicle, situation)
+        plant = linearize(held, balanced, pade_order=1)
+        closed = plant if self.controller is None else close_loop(plant, self.controller)
+        K_cos, K_sin = stiffness_modulation(
+            held, balanced, wavelength=self.periodic.wavelength, harmonics=self.periodic.harmonics
+        )
+        frequency = passing_frequency(speed, self.periodic.wavelength)
+        return modulate(closed, K_cos, K_sin, frequency=frequency)
+
+
+def floquet_study(model: OptionModel, controller: Controller | None) -> FloquetStudy:
+    """Floquet analysis of one option over the scenario's map.
+
+    Raises
+    ------
+    ModelError : the scenario has no periodic forcing, or no speed of the map has an equilibrium
+    """
+    periodic = model.scenario.periodic
+    if periodic is None:
+        raise ModelError("the scenario describes no periodic forcing")
+    forcing = _Forcing(model, model.vehicle(), controller, periodic)
+    bare_model = OptionModel(model.scenario, None)
+    bare = _Forcing(bare_model, bare_model.vehicle(), None, periodic)
+    speeds, systems = _over_speed(forcing)
+    depths = np.linspace(periodic.map.depth.first, periodic.map.depth.last, periodic.map.depth.count)
+    atlas = resonance_map(
+        np.stack([s.A_0 for s in systems]), np.stack([s.A_cos for s in systems]),
+        np.stack([s.A_sin for s in systems]), np.array([float(s.frequency) for s in systems]), depths,
+        parameter=speeds, parameter_name="speed", states=systems[0].states,
+    )  # fmt: skip
+    curve = critical_depths(atlas)
+    worst = _worst(forcing, atlas, curve)
+    design_speed = model.scenario.operating.speed
+    go, no_go = speed_ranges(atlas, curve, periodic.depth)
+    return FloquetStudy(
+        wavelength=periodic.wavelength,
+        expected_depth=periodic.depth,
+        at_design=floquet(at_depth(forcing.at(design_speed), periodic.depth)),
+        open_loop=_floquet_or_none(bare, design_speed, periodic.depth),
+        map=atlas,
+        critical_depth=read_only_any(curve),
+        largest_depth=float(depths[-1]),
+        worst_depth=worst[0],
+        worst_speed=worst[1],
+        worst_resonance=worst[2],
+        go_ranges=go,
+        no_go_ranges=no_go,
+    )
+
+
+def at_depth(system: PeriodicSystem, depth: float) -> PeriodicSystem:
+    """A periodic system given at unit depth, its modulation scaled to a depth."""
+    return replace(system, A_cos=read_only_any(depth * system.A_cos), A_sin=read_only_any(depth * system.A_sin))
+
+
+def critical_depths(atlas: ResonanceMap) -> FloatArray:
+    """Smallest unstable depth of each column of a map, interpolated between grid depths; inf where there is none."""
+    found = np.full(len(atlas.parameter), np.inf)
+    for column in range(len(found)):
+        unstable = np.flatnonzero(atlas.unstable[column])
+        if not unstable.size:
+            continue
+        first = int(unstable[0])
+        if first == 0:
+            found[column] = atlas.depths[0]
+            continue
+        below, above = atlas.growth_rate[column, first - 1], atlas.growth_rate[column, first]
+        share = 1.0 if above <= below else float(np.clip(-below / (above - below), 0.0, 1.0))
+        found[column] = atlas.depths[first - 1] + share * (atlas.depths[first] - atlas.depths[first - 1])
+    return found
+
+
+def speed_ranges(
+    atlas: ResonanceMap, curve: FloatArray, depth: float
+) -> tuple[tuple[tuple[float, float], ...], tuple[tuple[float, float, str], ...]]:
+    """Speed ranges that are stable at a depth, and those that are not with their resonance.
+
+    An unstable column closes the whole interval to its stable neighbours; tongues found between columns close the
+    interval they lie in.
+    """
+    speeds = atlas.parameter
+    blocked = curve <= depth
+    names = [_name_at(atlas, k) if blocked[k] else "" for k in range(len(speeds))]
+    for seed in atlas.seeded:
+        if seed.threshold <= depth and not seed.resolved_by_grid:
+            k = int(np.argmin(np.abs(speeds - seed.parameter)))
+            if not blocked[k]:
+                blocked[k], names[k] = True, seed.name
+    go: list[tuple[float, float]] = []
+    no_go: list[tuple[float, float, str]] = []
+    start = 0
+    for k in range(1, len(speeds) + 1):
+        if k < len(speeds) and blocked[k] == blocked[start] and names[k] == names[start]:
+            continue
+        if blocked[start]:
+            low = speeds[max(start - 1, 0)] if start and not blocked[start - 1] else speeds[start]
+            high = speeds[min(k, len(speeds) - 1)]
+            no_go.append((float(low), float(high), names[start]))
+        elif k - 1 > start:
+            go.append((float(speeds[start]), float(speeds[k - 1])))
+        start = k
+    return tuple(go), tuple(no_go)
+
+
+def _over_speed(forcing: _Forcing) -> tuple[FloatArray, list[PeriodicSystem]]:
+    """The periodic system at every speed of the map that has an equilibrium."""
+    grid = forcing.periodic.map.speed
+    speeds: list[float] = []
+    systems: list[PeriodicSystem] = []
+    reason = ""
+    for speed in np.linspace(grid.first, grid.last, grid.count):
+        try:
+            systems.append(forcing.at(float(speed)))
+        except (ModelError, OutOfDomain) as fault:
+            reason = str(fault)
+            continue
+        speeds.append(float(speed))
+    if len(systems) < 2:
+        raise ModelError(f"resonance map: no speed of the map has an equilibrium: {reason}")
+    return np.array(speeds), systems
+
+
+def _worst(forcing: _Forcing, atlas: ResonanceMap, curve: FloatArray) -> tuple[float, float, str]:
+    """Smallest critical depth, its speed and its resonance; NaN where the two engines do not confirm it."""
+    speeds = list(atlas.parameter) + [seed.parameter for seed in atlas.seeded]
+    depths = list(curve) + [seed.threshold for seed in atlas.seeded]
+    order = int(np.argmin(depths))
+    largest = float(atlas.depths[-1])
+    if not np.isfinite(depths[order]):
+        return (float("nan") if np.any(atlas.unresolved) else float("inf")), float(atlas.parameter[0]), ""
+    speed = float(speeds[order])
+    decided = critical_depth(forcing.at(speed), depth_max=largest)
+    if decided.unstable_at_zero:
+        return 0.0, speed, "unstable without modulation"
+    confirmed = _confirmed(forcing, speed, decided)
+    name = decided.resonance.name if np.isfinite(decided.depth) else ""
+    return (decided.depth if confirmed else float("nan")), speed, name
+
+
+def _confirmed(forcing: _Forcing, speed: float, decided: CriticalDepth) -> bool:
+    """Whether both engines agree that stability is lost at the depth: stable just below, unstable just above."""
+    if not np.isfinite(decided.depth):
+        return True
+    system = forcing.at(speed)
+    below = floquet(at_depth(system, decided.depth * (1.0 - BRACKET)))
+    above = floquet(at_depth(system, decided.depth * (1.0 + BRACKET)))
+    return below.stable is True and above.stable is False
+
+
+def _floquet_or_none(forcing: _Forcing, speed: float, depth: float) -> Floquet | None:
+    try:
+        return floquet(at_depth(forcing.at(speed), depth))
+    except (ModelError, OutOfDomain):
+        return None
+
+
+def _name_at(atlas: ResonanceMap, column: int) -> str:
+    index = atlas.tongue_index[column]
+    named = index[index >= 0]
+    return atlas.tongues[int(named[0])].name if named.size else "unstable without modulation"

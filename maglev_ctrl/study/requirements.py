@@ -1,0 +1,317 @@
+"""Requirements judged on evidence: PASS, FAIL, or NOT EVALUATED with the reason, never dropped."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from maglev_ctrl.analysis.boundary import margin_to_boundary
+from maglev_ctrl.analysis.margins import Margins
+from maglev_ctrl.analysis.modes import Modes, StabilityVerdict
+from maglev_ctrl.errors import Agreement, Verdict
+from maglev_ctrl.scenario import RequirementRecord
+from maglev_ctrl.study.evidence import Evidence
+from maglev_ctrl.study.records import RequirementResult, Sweep
+from maglev_ctrl.study.sweeps import least_damping
+
+EIGENVALUES = "eigenvalues with error bounds, confirmed by Lyapunov inertia"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A quantity's value (SI, dB for gains) and where it was found; or why there is none.
+
+    `certain` is False where the value is only a bound that may not decide (see `bound`): "at least this" (lower).
+    """
+
+    value: float
+    where: str = ""
+    method: str = ""
+    reason: str = ""
+    bound: Literal["exact", "lower"] = "exact"
+
+
+def missing(reason: str) -> Finding:
+    """No value, with the reason."""
+    return Finding(math.nan, reason=reason)
+
+
+def judge(requirement: RequirementRecord, evidence: Evidence) -> RequirementResult:
+    """One requirement against one option's evidence."""
+    finding = FINDERS[requirement.quantity](evidence, requirement.over)
+    limit, sense = requirement.limit, requirement.sense
+    unit, scale = SHOWN.get(requirement.quantity, ("", 1.0))
+    verdict, reason = _decide(finding, limit, sense)
+    return RequirementResult(
+        name=requirement.name,
+        quantity=requirement.quantity,
+        description=f"{DESCRIPTIONS[requirement.quantity]}, {_scope(requirement)}",
+        sense=sense,
+        limit=limit * scale,
+        value=finding.value * scale,
+        unit=unit,
+        verdict=verdict,
+        margin_percent=_margin_percent(finding.value, limit, sense),
+        worst_at=finding.where,
+        method=finding.method,
+        reason=reason,
+    )
+
+
+def not_evaluated(requirement: RequirementRecord, reason: str) -> RequirementResult:
+    """A requirement of an option that could not be studied at all."""
+    return RequirementResult(
+        name=requirement.name, quantity=requirement.quantity,
+        description=f"{DESCRIPTIONS[requirement.quantity]}, {_scope(requirement)}",
+        sense=requirement.sense, limit=requirement.limit * SHOWN.get(requirement.quantity, ("", 1.0))[1],
+        value=math.nan, unit=SHOWN.get(requirement.quantity, ("", 1.0))[0],
+        verdict=Verdict.NOT_EVALUATED, margin_percent=math.nan, worst_at="", method="", reason=reason,
+    )  # fmt: skip
+
+
+def _scope(requirement: RequirementRecord) -> str:
+    if requirement.quantity in ("speed_margin", "payload_margin", "height_margin", "gap_margin"):
+        return "from the design point"
+    if requirement.quantity in ("modulation_ratio", "modulation_depth"):
+        return "over the map's speeds"
+    return "at the design point" if requirement.over == "nominal" else f"worst over the {requirement.over} sweep"
+
+
+def _decide(finding: Finding, limit: float, sense: str) -> tuple[Verdict, str]:
+    if math.isnan(finding.value):
+        return Verdict.NOT_EVALUATED, finding.reason or "no value could be computed"
+    inside = finding.value >= limit if sense == "at_least" else finding.value <= limit
+    if inside and finding.bound == "lower" and sense == "at_most":
+        return Verdict.NOT_EVALUATED, f"only a lower bound is known: {finding.reason}"
+    if not inside and finding.bound == "lower" and sense == "at_least":
+        return Verdict.NOT_EVALUATED, f"only a lower bound is known: {finding.reason}"
+    return (Verdict.PASS, "") if inside else (Verdict.FAIL, finding.reason)
+
+
+def _margin_percent(value: float, limit: float, sense: str) -> float:
+    """How far inside the limit, per cent of the limit; NaN where that means nothing."""
+    if math.isnan(value) or limit == 0.0 or math.isinf(limit):
+        return math.nan
+    distance = value - limit if sense == "at_least" else limit - value
+    return 100.0 * distance / abs(limit)
+
+
+def _resolved(found: Modes) -> str:
+    """Why the verdict of these modes is not certain; '' when two methods agree."""
+    return "" if found.verdict is not StabilityVerdict.UNRESOLVED else found.verdict.value
+
+
+def _growth_rate(evidence: Evidence, over: str) -> Finding:
+    if over == "nominal":
+        value = evidence.modes.spectral_abscissa
+        doubt = _resolved(evidence.modes)
+        return missing(doubt) if doubt else Finding(value, "design point", EIGENVALUES, _cause(evidence.modes))
+    sweep = evidence.sweeps.get(over)
+    if sweep is None:
+        return missing(f"the scenario has no {over} sweep")
+    problem = _holes(sweep)
+    worst = _worst_check(evidence, over, lambda m: m.spectral_abscissa)
+    if worst is None:
+        return missing(problem or "no point of the sweep could be evaluated")
+    where, found = worst
+    doubt = _resolved(found)
+    if doubt:
+        return missing(f"at {where}: {doubt}")
+    if problem and found.spectral_abscissa < 0.0:
+        return missing(problem)
+    return Finding(found.spectral_abscissa, where, EIGENVALUES, _cause(found))
+
+
+def _damping_ratio(evidence: Evidence, over: str) -> Finding:
+    if over == "nominal":
+        doubt = _resolved(evidence.modes)
+        if doubt:
+            return missing(doubt)
+        return Finding(_damping_or_divergence(evidence.modes), "design point", EIGENVALUES, _cause(evidence.modes))
+    sweep = evidence.sweeps.get(over)
+    if sweep is None:
+        return missing(f"the scenario has no {over} sweep")
+    problem = _holes(sweep)
+    worst = _worst_check(evidence, over, lambda m: -_damping_or_divergence(m))
+    if worst is None:
+        return missing(problem or "no point of the sweep could be evaluated")
+    where, found = worst
+    doubt = _resolved(found)
+    value = _damping_or_divergence(found)
+    if doubt:
+        return missing(f"at {where}: {doubt}")
+    if problem and value > 0.0:
+        return missing(problem)
+    return Finding(value, where, EIGENVALUES, _cause(found))
+
+
+def _damping_or_divergence(found: Modes) -> float:
+    """Least damping ratio; a divergence counts as -1, its damping ratio as a real root."""
+    if np.any(found.s.real[found.s.imag <= found.error_bound] > 0.0):
+        return -1.0
+    value = least_damping(found)
+    return 1.0 if math.isnan(value) else value
+
+
+def _worst_check(evidence: Evidence, over: str, badness: Callable[[Modes], float]) -> tuple[str, Modes] | None:
+    checks = evidence.sweep_checks.get(over, ())
+    if not checks:
+        return None
+    worst = max(checks, key=lambda check: badness(check.modes))
+    return worst.where, worst.modes
+
+
+def _cause(found: Modes) -> str:
+    """What grows and why, in words; '' when nothing grows."""
+    k = found.critical
+    if found.s[k].real <= 0.0:
+        return f"least stable: {found.labels[k]}"
+    return f"{found.kind[k].value} of {found.labels[k]}, {abs(found.s[k].imag) / (2.0 * math.pi):.3g} Hz"
+
+
+def _holes(sweep: Sweep) -> str:
+    if not sweep.gaps:
+        return ""
+    value, why = sweep.gaps[0]
+    count = len(sweep.gaps)
+    return f"{count} of {len(sweep.values)} sweep points could not be evaluated, first {_show(sweep, value)}: {why}"
+
+
+def _show(sweep: Sweep, value: float) -> str:
+    return f"{sweep.parameter.replace('_', ' ')} {value * sweep.scale:.4g} {sweep.unit}"
+
+
+def _boundary_margin(parameter: str, *, relative: bool) -> Callable[[Evidence, str], Finding]:
+    def find(evidence: Evidence, over: str) -> Finding:
+        sweep = evidence.sweeps.get(parameter)
+        if sweep is None:
+            return missing(f"the scenario has no {parameter} sweep")
+        value = evidence.design_values[parameter]
+        if not sweep.boundaries.lower <= value <= sweep.boundaries.upper:
+            return missing(f"the design {parameter} lies outside its sweep")
+        if not evidence.modes.stable:
+            return Finding(0.0, "design point", EIGENVALUES, "not stable at the design point")
+        margin = margin_to_boundary(sweep.boundaries, value)
+        found = margin.relative if relative else margin.distance
+        where = _show(sweep, margin.at)
+        method = "bisection of the stability boundary"
+        if margin.kind == "boundary":
+            return Finding(found, where, method, f"stability is lost at {where}")
+        return Finding(found, where, method, f"no boundary found up to {where} ({margin.reason})", bound="lower")
+
+    return find
+
+
+def _from_margins(read: Callable[[Margins], tuple[float, str]], what: str) -> Callable[[Evidence, str], Finding]:
+    def find(evidence: Evidence, over: str) -> Finding:
+        if not evidence.has_loops:
+            return missing("the option adds no element and no loop: there is nothing to break")
+        points = evidence.margin_points[:1] if over == "nominal" else evidence.margin_points
+        worst = Finding(math.inf)
+        for point in points:
+            if point.margins is None:
+                return missing(f"at {point.where}: {point.reason}")
+            value, where = read(point.margins)
+            if math.isnan(value):
+                return missing(f"at {point.where}: the {what} could not be verified ({where})")
+            if value < worst.value or not worst.where:
+                worst = Finding(value, f"{point.where}, {where}", f"{what} re-verified by a pole on the axis", where)
+        return worst
+
+    return find
+
+
+def _gain(margins: Margins) -> tuple[float, str]:
+    return _smallest([
+        (abs(value.decibel), channel.channel)
+        for channel in margins.channels
+        for value in (channel.gain_reduction, channel.gain_increase)
+    ])  # fmt: skip
+
+
+def _phase(margins: Margins) -> tuple[float, str]:
+    return _smallest([(math.radians(channel.phase.value), channel.channel) for channel in margins.channels])
+
+
+def _delay(margins: Margins) -> tuple[float, str]:
+    return _smallest([(channel.delay.value, channel.channel) for channel in margins.channels])
+
+
+def _disk(margins: Margins) -> tuple[float, str]:
+    channels = [(channel.disk.alpha, channel.channel) for channel in margins.channels]
+    return _smallest([*channels, (margins.multi_loop.alpha, "all loops at once")])
+
+
+def _smallest(pairs: list[tuple[float, str]]) -> tuple[float, str]:
+    for value, name in pairs:
+        if math.isnan(value):
+            return value, name
+    return min(pairs, key=lambda pair: pair[0])
+
+
+def _modulation(*, ratio: bool) -> Callable[[Evidence, str], Finding]:
+    def find(evidence: Evidence, over: str) -> Finding:
+        study = evidence.floquet
+        if study is None:
+            return missing(evidence.floquet_reason)
+        if study.at_design.agreement is not Agreement.AGREED:
+            return missing("the two Floquet engines disagree at the design point")
+        if math.isnan(study.worst_depth):
+            return missing("the two Floquet engines disagree where the modulation depth is decided")
+        where = f"speed {study.worst_speed * 3.6:.4g} km/h, {study.worst_resonance}"
+        method = "propagators and harmonic balance agree; bisection in depth"
+        depth, bound = study.worst_depth, "exact"
+        if math.isinf(depth):
+            depth, bound, where = study.largest_depth, "lower", f"no instability up to depth {study.largest_depth:.3g}"
+        if ratio and study.expected_depth == 0.0:
+            return missing("the expected modulation depth is zero")
+        value = depth / study.expected_depth if ratio else depth
+        return Finding(value, where, method, where, bound="lower" if bound == "lower" else "exact")
+
+    return find
+
+
+FINDERS: dict[str, Callable[[Evidence, str], Finding]] = {
+    "growth_rate": _growth_rate,
+    "damping_ratio": _damping_ratio,
+    "gain_margin": _from_margins(_gain, "gain margin"),
+    "phase_margin": _from_margins(_phase, "phase margin"),
+    "delay_margin": _from_margins(_delay, "delay margin"),
+    "disk_margin": _from_margins(_disk, "disk margin"),
+    "modulation_ratio": _modulation(ratio=True),
+    "modulation_depth": _modulation(ratio=False),
+    "speed_margin": _boundary_margin("speed", relative=True),
+    "payload_margin": _boundary_margin("payload", relative=False),
+    "height_margin": _boundary_margin("height", relative=False),
+    "gap_margin": _boundary_margin("gap", relative=False),
+}
+
+SHOWN: dict[str, tuple[str, float]] = {
+    "growth_rate": ("1/s", 1.0),
+    "gain_margin": ("dB", 1.0),
+    "phase_margin": ("deg", 180.0 / math.pi),
+    "delay_margin": ("ms", 1e3),
+    "payload_margin": ("t", 1e-3),
+    "height_margin": ("mm", 1e3),
+    "gap_margin": ("mm", 1e3),
+}
+"""Unit a quantity is shown in and the factor from SI; ratios are left out."""
+
+DESCRIPTIONS = {
+    "growth_rate": "largest growth rate",
+    "damping_ratio": "smallest damping ratio",
+    "gain_margin": "smallest gain margin (up or down)",
+    "phase_margin": "smallest phase margin",
+    "delay_margin": "smallest delay margin",
+    "disk_margin": "smallest disk margin, single and multi-loop",
+    "modulation_ratio": "modulation depth survived over the expected depth",
+    "modulation_depth": "modulation depth survived",
+    "speed_margin": "distance to instability in speed, fraction of the design speed",
+    "payload_margin": "distance to instability in payload",
+    "height_margin": "distance to instability in height",
+    "gap_margin": "distance to instability in guidance gap",
+}
