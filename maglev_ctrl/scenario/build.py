@@ -8,8 +8,8 @@ from typing import Literal, assert_never
 
 import numpy as np
 
-from maglev_ctrl.forces import AbstractForceModel, CoefficientTable, ImageForce, TabulatedForce
-from maglev_ctrl.scenario.force_schema import CoefficientForces, ImageForces, TableForces
+from maglev_ctrl.forces import AbstractForceModel, CoefficientTable, CornerImageForce, ImageForce, TabulatedForce
+from maglev_ctrl.scenario.force_schema import CoefficientForces, CornerImageForces, ImageForces, TableForces
 from maglev_ctrl.scenario.force_table import ForceSamples
 from maglev_ctrl.scenario.layout import (
     CAR,
@@ -196,7 +196,9 @@ def _magnets(scenario: Scenario, here: Layout) -> tuple[Magnet, ...]:
     )
 
 
-def _magnet_force(scenario: Scenario, forces: ImageForces | TableForces, count: float) -> AbstractForceModel:
+def _magnet_force(
+    scenario: Scenario, forces: ImageForces | CornerImageForces | TableForces, count: float
+) -> AbstractForceModel:
     """Force of one magnet; unless the file fixes its strength, `count` of them lift the weight at the design point."""
     operating = scenario.operating
     share = design_mass(scenario) * GRAVITY / count
@@ -211,6 +213,15 @@ def _magnet_force(scenario: Scenario, forces: ImageForces | TableForces, count: 
                 share, operating.height, operating.speed, length=1.0, conductivity=forces.conductivity,
                 thickness=forces.thickness, exponent=forces.exponent, vertical_velocity=forces.vertical_velocity,
             )  # fmt: skip
+        case CornerImageForces():
+            coil = CornerImageForce(
+                forces.current or 1.0, length=forces.coil_length, width=forces.coil_width,
+                thickness=forces.coil_thickness,
+            )  # fmt: skip
+            if forces.current is not None:
+                return coil
+            lift = float(coil.forces(operating.height, operating.gap, operating.speed).lift)
+            return coil.scaled(share / lift)
         case TableForces():
             if scenario.force_samples is None:
                 raise ValueError("force_samples: the scenario's force table has not been read")

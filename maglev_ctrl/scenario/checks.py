@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from maglev_ctrl.scenario.checks_options import option_faults
-from maglev_ctrl.scenario.force_schema import CoefficientForces, ImageForces, TableForces
+from maglev_ctrl.scenario.force_schema import CoefficientForces, CornerImageForces, ImageForces, TableForces
 from maglev_ctrl.scenario.layout import BOGIES, CAR, GUIDEWAY, Layout, layout
 from maglev_ctrl.scenario.problems import Fault, KeyPath
 from maglev_ctrl.scenario.scenario_schema import AnySweep, Scenario
@@ -93,6 +93,9 @@ def _force_faults(scenario: Scenario, here: Layout) -> Iterator[Fault]:
                 )  # fmt: skip
         case CoefficientForces():
             yield from _matrix_faults(forces)
+        case CornerImageForces():
+            if not here.has_walls:
+                yield Fault(("forces", "model"), "corner_image forces need magnets that face a guidance wall")
         case TableForces():
             pass
 

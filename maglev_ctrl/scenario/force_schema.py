@@ -72,6 +72,16 @@ class ImageForces(Record):
     length: PositiveLength | None = Field(None, description="effective length of one magnet; needed with `current`")
 
 
+class CornerImageForces(Record):
+    """Coil in the corner of a perfectly conducting L-shaped guideway: lift and guidance at infinite speed, no drag."""
+
+    model: Literal["corner_image"]
+    coil_length: PositiveLength = Field(description="length of the coil along the track")
+    coil_width: PositiveLength = Field(description="width of the coil across the track")
+    coil_thickness: PositiveLength = Field(description="thickness of the magnet the coil stands for")
+    current: Current | None = Field(None, description="current of one magnet; left out, it lifts the weight")
+
+
 class TableForces(Record):
     """Measured or computed forces of one magnet in a CSV file beside the scenario.
 
@@ -103,4 +113,6 @@ class CoefficientForces(Record):
     )
 
 
-ForceRecord = Annotated[ImageForces | TableForces | CoefficientForces, Field(discriminator="model")]
+ForceRecord = Annotated[
+    ImageForces | CornerImageForces | TableForces | CoefficientForces, Field(discriminator="model")
+]

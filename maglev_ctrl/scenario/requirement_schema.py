@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from maglev_ctrl.scenario.records import Name, Record
-from maglev_ctrl.scenario.units import Angle, Decibel, Rate, Ratio, Time
+from maglev_ctrl.scenario.units import Angle, Decibel, Payload, PositiveLength, Rate, Ratio, Time
 
 Over = Literal["nominal", "speed", "payload", "height", "gap", "lateral_offset"]
 _AT_LEAST = "smallest value that passes"
@@ -56,7 +56,7 @@ class RateRequirement(_RequirementBase):
 class RatioRequirement(_RequirementBase):
     """Damping ratio, disk margin, and margins that are fractions of their expected or design value."""
 
-    quantity: Literal["damping_ratio", "disk_margin", "modulation_ratio", "speed_margin"]
+    quantity: Literal["damping_ratio", "disk_margin", "modulation_ratio", "modulation_depth", "speed_margin"]
     at_least: Ratio | None = Field(None, description=_AT_LEAST)
     at_most: Ratio | None = Field(None, description=_AT_MOST)
 
@@ -100,7 +100,34 @@ class TimeRequirement(_RequirementBase):
         return "s"
 
 
+class MassRequirement(_RequirementBase):
+    """Payload margin: how far the payload may change from the design point before stability is lost."""
+
+    quantity: Literal["payload_margin"]
+    at_least: Payload | None = Field(None, description=_AT_LEAST)
+    at_most: Payload | None = Field(None, description=_AT_MOST)
+
+    @property
+    def unit(self) -> str:
+        """Unit of `limit`."""
+        return "kg"
+
+
+class LengthRequirement(_RequirementBase):
+    """Height or gap margin: how far it may change from the design point before stability is lost."""
+
+    quantity: Literal["height_margin", "gap_margin"]
+    at_least: PositiveLength | None = Field(None, description=_AT_LEAST)
+    at_most: PositiveLength | None = Field(None, description=_AT_MOST)
+
+    @property
+    def unit(self) -> str:
+        """Unit of `limit`."""
+        return "m"
+
+
 RequirementRecord = Annotated[
-    RateRequirement | RatioRequirement | GainRequirement | AngleRequirement | TimeRequirement,
+    RateRequirement | RatioRequirement | GainRequirement | AngleRequirement | TimeRequirement
+    | MassRequirement | LengthRequirement,
     Field(discriminator="quantity"),
 ]
