@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from maglev_ctrl.forces.base import AbstractForceModel, Domain, MagnetDerivatives, MagnetForces
 from maglev_ctrl.forces.coefficients import Coefficients, CoefficientTable
+from maglev_ctrl.forces.corner_image import CornerImageForce
 from maglev_ctrl.forces.image import (
     ImageForce,
     characteristic_speed,
@@ -20,6 +21,7 @@ __all__ = [
     "AbstractForceModel",
     "CoefficientTable",
     "Coefficients",
+    "CornerImageForce",
     "Domain",
     "FitQuality",
     "ImageForce",
