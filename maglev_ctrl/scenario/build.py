@@ -8,7 +8,8 @@ from typing import Literal, assert_never
 
 import numpy as np
 
-from maglev_ctrl.forces import AbstractForceModel, CoefficientTable, CornerImageForce, ImageForce, TabulatedForce
+from maglev_ctrl.forces import AbstractForceModel, CoefficientTable, ImageForce, TabulatedForce
+from maglev_ctrl.forces.corner_image import CornerImageForce
 from maglev_ctrl.scenario.force_schema import CoefficientForces, CornerImageForces, ImageForces, TableForces
 from maglev_ctrl.scenario.force_table import ForceSamples
 from maglev_ctrl.scenario.layout import (

@@ -12,6 +12,9 @@ from maglev_ctrl.scenario.scenario_schema import AnySweep, Scenario
 from maglev_ctrl.scenario.vehicle_schema import Bogie, Car, DoubleL, SixDof, TwoStage, VehicleRecord
 
 MAP_LIMIT = 250_000
+_MARGIN_SWEEPS = {
+    "speed_margin": "speed", "payload_margin": "payload", "height_margin": "height", "gap_margin": "gap",
+}  # fmt: skip
 _INERTIAS = {"roll": "roll_inertia", "pitch": "pitch_inertia", "yaw": "yaw_inertia"}
 
 
@@ -88,9 +91,10 @@ def _force_faults(scenario: Scenario, here: Layout) -> Iterator[Fault]:
                 yield Fault(("forces", key), "missing; current and length belong together")
             if isinstance(vehicle, DoubleL):
                 yield Fault(
-                    ("forces", "model"), 'expected "table" or "coefficients": a double_l needs guidance forces, and '
-                    "image forces have none",
-                )  # fmt: skip
+                    ("forces", "model"),
+                    'expected "corner_image", "table" or "coefficients": a double_l needs guidance forces, '
+                    "and image forces have none",
+                )
         case CoefficientForces():
             yield from _matrix_faults(forces)
         case CornerImageForces():
@@ -164,10 +168,12 @@ def _requirement_faults(scenario: Scenario) -> Iterator[Fault]:
         if len(given) != 1:
             got = "both" if given else "none"
             yield Fault(path, f"expected exactly one limit, at_least or at_most, got {got}")
-        needs_map = requirement.quantity == "modulation_ratio"
-        if needs_map and scenario.periodic is None:
-            yield Fault((*path, "quantity"), "modulation_ratio needs the table [periodic]")
-        swept = requirement.quantity in ("growth_rate", "damping_ratio", "speed_margin")
+        if requirement.quantity in ("modulation_ratio", "modulation_depth") and scenario.periodic is None:
+            yield Fault((*path, "quantity"), f"{requirement.quantity} needs the table [periodic]")
+        along = _MARGIN_SWEEPS.get(requirement.quantity)
+        if along is not None and getattr(sweep, along) is None:
+            yield Fault((*path, "quantity"), f"{requirement.quantity} needs operating.sweep.{along}")
+        swept = requirement.quantity in ("growth_rate", "damping_ratio")
         if swept and requirement.over != "nominal" and getattr(sweep, requirement.over) is None:
             given_over = "over" in requirement.model_fields_set
             yield Fault(

@@ -113,6 +113,4 @@ class CoefficientForces(Record):
     )
 
 
-ForceRecord = Annotated[
-    ImageForces | CornerImageForces | TableForces | CoefficientForces, Field(discriminator="model")
-]
+ForceRecord = Annotated[ImageForces | CornerImageForces | TableForces | CoefficientForces, Field(discriminator="model")]

@@ -127,7 +127,12 @@ class LengthRequirement(_RequirementBase):
 
 
 RequirementRecord = Annotated[
-    RateRequirement | RatioRequirement | GainRequirement | AngleRequirement | TimeRequirement
-    | MassRequirement | LengthRequirement,
+    RateRequirement
+    | RatioRequirement
+    | GainRequirement
+    | AngleRequirement
+    | TimeRequirement
+    | MassRequirement
+    | LengthRequirement,
     Field(discriminator="quantity"),
 ]
