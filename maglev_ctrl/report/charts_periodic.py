@@ -1,0 +1,119 @@
+"""The resonance map: where periodic forcing makes an option unstable, over speed and depth of modulation."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from maglev_ctrl.arrays import FloatArray
+from maglev_ctrl.report.chart import Axis, Chart, Heat, Item, Line, Note, Panel, Rule, Span
+from maglev_ctrl.report.style import FAIL_COLOUR, INK, PASS_COLOUR, number
+from maglev_ctrl.study.records import FloquetStudy, OptionStudy
+
+_MOST_NAMES = 5
+_KILOMETRES_PER_HOUR = 3.6
+
+
+def resonance_chart(option: OptionStudy, *, design_speed: float) -> Chart | None:
+    """Growth rate of the unstable tongues over speed and depth, tongues named; None without a map."""
+    study = option.floquet
+    if study is None:
+        return None
+    x = study.map.parameter * _KILOMETRES_PER_HOUR
+    depth = 100.0 * study.map.depths
+    growth = np.where(study.map.unstable, study.map.growth_rate, np.nan)
+    known = growth[np.isfinite(growth)]
+    items: list[Item] = [_heat(x, depth, growth, float(np.max(known)))] if known.size else []
+    critical = 100.0 * np.where(np.isfinite(study.critical_depth), study.critical_depth, np.nan)
+    items.append(Line(x, critical, "critical depth", INK, "solid", 1.0))
+    items += _unresolved(study, x, depth)
+    items.append(Rule("y", 100.0 * study.expected_depth, "expected depth", FAIL_COLOUR, "dash", 1.2))
+    items.append(Rule("x", design_speed * _KILOMETRES_PER_HOUR, "design speed", INK, "dot", 1.0))
+    items += _names(study, x, depth)
+    limits_x = (float(x[0]), float(x[-1]))
+    upper = Panel(
+        tuple(items), Axis("speed (km/h)", limits=limits_x),
+        Axis("modulation depth (% of stiffness)", limits=(0.0, float(depth[-1]))),
+    )  # fmt: skip
+    return Chart(
+        key=f"{option.name}-resonance",
+        caption=f"Resonance map of {option.label} under stiffness modulation with wavelength "
+        f"{number(study.wavelength, 'm')}: colour is the growth rate of unstable tongues, blank is stable, the line is "
+        "the smallest unstable depth at each speed. Below: speeds that are stable (go) and unstable (no go, hatched) at "
+        f"the expected depth of {number(100 * study.expected_depth, '%')}. Map method: {study.map.method}.",
+        alt=resonance_words(option.label, study),
+        panels=(upper, _bands(study, limits_x)),
+        row_heights=(2.8, 0.16),
+        share_x=True,
+        legend="bottom",
+    )
+
+
+def _heat(x: FloatArray, depth: FloatArray, growth: FloatArray, high: float) -> Heat:
+    """The map on a regular grid (nearest cell), as images need one."""
+    x_even, y_even = np.linspace(x[0], x[-1], x.size), np.linspace(depth[0], depth[-1], depth.size)
+    columns = np.abs(x[None, :] - x_even[:, None]).argmin(axis=1)
+    rows = np.abs(depth[None, :] - y_even[:, None]).argmin(axis=1)
+    return Heat(x_even, y_even, growth[np.ix_(columns, rows)].T, "growth rate (1/s)", 0.0, high)
+
+
+def _unresolved(study: FloquetStudy, x: FloatArray, depth: FloatArray) -> list[Item]:
+    where = np.argwhere(study.map.unresolved)
+    if not where.size:
+        return []
+    return [Note(float(x[i]), float(depth[j]), "?", "center") for i, j in where[:: max(1, len(where) // 40)]]
+
+
+def _names(study: FloquetStudy, x: FloatArray, depth: FloatArray) -> list[Item]:
+    """Names of the tongues that reach lowest, each above its own tip, kept clear of one another."""
+    tips: list[tuple[float, float, str]] = []
+    for index, tongue in enumerate(study.map.tongues):
+        inside = (study.map.tongue_index == index) & study.map.unstable
+        if not inside.any():
+            continue
+        columns = np.flatnonzero(inside.any(axis=1))
+        lowest = [float(depth[np.flatnonzero(inside[c])[0]]) for c in columns]
+        best = int(np.argmin(lowest))
+        tips.append((lowest[best], float(x[columns[best]]), tongue.name))
+    tips.sort()
+    width, height = float(x[-1] - x[0]), float(depth[-1] - depth[0])
+    placed: list[tuple[float, float]] = []
+    items: list[Item] = []
+    for low, at, name in tips[:_MOST_NAMES]:
+        level = max(low + 0.10 * height, 0.12 * height)
+        half = 0.0075 * len(name) * width
+        centre = float(np.clip(at, x[0] + half, x[-1] - half))
+        while any(abs(level - h) < 0.075 * height and abs(centre - c) < 0.6 * width for c, h in placed):
+            level += 0.08 * height
+        if level > depth[-1] - 0.04 * height:
+            continue
+        placed.append((centre, level))
+        items.append(Note(centre, level, name, "center", "center", INK, True))
+    return items
+
+
+def _bands(study: FloquetStudy, limits: tuple[float, float]) -> Panel:
+    items: list[Item] = []
+    for start, stop in study.go_ranges:
+        items.append(
+            Span("x", start * _KILOMETRES_PER_HOUR, stop * _KILOMETRES_PER_HOUR, PASS_COLOUR, 0.35, label="go")
+        )
+    for start, stop, _ in study.no_go_ranges:
+        items.append(
+            Span("x", start * _KILOMETRES_PER_HOUR, stop * _KILOMETRES_PER_HOUR, FAIL_COLOUR, 0.9, True, "no go")
+        )
+    return Panel(tuple(items), Axis("speed (km/h)", limits=limits), Axis("", limits=(0.0, 1.0), hidden=True))
+
+
+def resonance_words(label: str, study: FloquetStudy) -> str:
+    """The map in words."""
+    worst = (
+        f"the smallest unstable depth is {number(100 * study.worst_depth, '%')} at "
+        f"{number(study.worst_speed * _KILOMETRES_PER_HOUR, 'km/h')} ({study.worst_resonance})"
+        if np.isfinite(study.worst_depth)
+        else f"no depth up to {number(100 * study.largest_depth, '%')} is unstable at the speeds that are stable unforced"
+    )
+    bad = ", ".join(
+        f"{number(a * _KILOMETRES_PER_HOUR)} to {number(b * _KILOMETRES_PER_HOUR, 'km/h')} ({name})"
+        for a, b, name in study.no_go_ranges
+    )
+    return f"Resonance map of {label}: {worst}. Unstable at the expected depth: {bad or 'nowhere on the map'}."

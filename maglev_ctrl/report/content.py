@@ -1,0 +1,165 @@
+"""What the report says, in order: summary, comparison of options, each option, method and provenance."""
+
+from __future__ import annotations
+
+import math
+
+from maglev_ctrl._version import __version__
+from maglev_ctrl.errors import Verdict
+from maglev_ctrl.report.charts_comparison import options_over_speed
+from maglev_ctrl.report.charts_margins import margin_bars, requirement_names
+from maglev_ctrl.report.content_option import option_section, requirement_table
+from maglev_ctrl.report.findings import key_findings, leading_option
+from maglev_ctrl.report.model import Banner, Block, Bullets, Cell, FigureBlock, Listing, Paragraph, Report, Section
+from maglev_ctrl.report.model import Table as TableBlock
+from maglev_ctrl.report.model import cell, row
+from maglev_ctrl.report.style import number
+from maglev_ctrl.study.records import Comparison, OptionStudy, RequirementResult
+
+METHOD = (
+    "Every operating point has its own equilibrium: magnet currents or heights are trimmed before the model is "
+    "linearised, and no force model is ever asked outside its data.",
+    "Stability is read from the eigenvalues of the closed loop with their rounding-error bounds and confirmed by the "
+    "inertia of a Lyapunov solution; where the two do not agree the result is unresolved, never stable.",
+    "The energy ledger splits each growth rate exactly over the vehicle's elements, into damping and circulatory parts; "
+    "the residual of the sum is a check of the eigenpair.",
+    "Margins are asked only of stable loops. Disk margins are peaks of closed-loop transfer functions found by "
+    "Hamiltonian bisection, not on a frequency grid; delay margins come from exact crossings.",
+    "Periodic stability comes from Floquet multipliers, computed by two independent engines (propagators over one "
+    "period and Hill's infinite determinant); unstable tongues are named by the modes that meet.",
+    "Designs are verified after the solver by closing the loop anew; a solver's own word is never taken.",
+    "A verdict is PASS, FAIL or NOT EVALUATED. What could not be computed or confirmed is NOT EVALUATED and never "
+    "counts as passed. A margin in per cent is the distance from the limit divided by the limit.",
+)  # fmt: skip
+
+
+def report_model(comparison: Comparison) -> Report:
+    """The whole report as a tree of blocks."""
+    options = [option_section(comparison, option, place) for place, option in enumerate(comparison.options)]
+    sections = [_summary(comparison)]
+    if len(comparison.options) > 1:
+        sections.append(_comparison(comparison))
+    for group in options:
+        sections.extend(group)
+    sections += [_method(comparison), _provenance(comparison), _scenario(comparison)]
+    version = dict(comparison.versions).get("maglev-ctrl", __version__)
+    return Report(
+        comparison.title, comparison.description.strip(), comparison.created, comparison.scenario_hash, version,
+        tuple(sections),
+    )  # fmt: skip
+
+
+def _summary(comparison: Comparison) -> Section:
+    blocks: list[Block] = [Banner(comparison.verdict, _banner_words(comparison)), Bullets(key_findings(comparison))]
+    best = leading_option(comparison)
+    if best is not None and best.requirements:
+        several = len(comparison.options) > 1
+        which = f"leading option {best.label}" if several else best.label
+        blocks.append(requirement_table(best, f"Requirements, judged for the {which}" if several else f"Requirements of {which}"))
+    return Section("Summary", "summary", 1, tuple(blocks), comparison.verdict)
+
+
+def _banner_words(comparison: Comparison) -> str:
+    counts = {v: sum(o.verdict is v for o in comparison.options) for v in Verdict}
+    speed = number(comparison.design_speed * 3.6, "km/h")
+    height = number(comparison.design_height * 1e3, "mm")
+    return (
+        f"{counts[Verdict.PASS]} options pass, {counts[Verdict.FAIL]} fail, {counts[Verdict.NOT_EVALUATED]} not "
+        f"evaluated. Design point {speed} at {height} height."
+    )
+
+
+def _comparison(comparison: Comparison) -> Section:
+    blocks: list[Block] = [_verdict_matrix(comparison), _value_table(comparison)]
+    bars = margin_bars(comparison)
+    speed = options_over_speed(comparison)
+    blocks += [FigureBlock(chart) for chart in (bars, speed) if chart is not None]
+    return Section("Comparison of options", "comparison", 1, tuple(blocks))
+
+
+def _verdict_matrix(comparison: Comparison) -> TableBlock:
+    names = requirement_names(comparison)
+    rows = []
+    for option in comparison.options:
+        judged = {r.name: r.verdict for r in option.requirements}
+        found = [cell(judged[name]) if name in judged else Cell("not asked") for name in names]
+        rows.append((Cell(option.label), *found, cell(option.verdict)))
+    return TableBlock(
+        "Verdicts of every option on every requirement: ✓ PASS, ✗ FAIL, ? NOT EVALUATED",
+        ("Option", *names, "Overall"), tuple(rows), (1.6, *(1.0 for _ in names), 1.0), small=True,
+    )  # fmt: skip
+
+
+def _value_table(comparison: Comparison) -> TableBlock:
+    names = requirement_names(comparison)
+    base = next((o for o in comparison.options if o.kind == "baseline"), comparison.options[0])
+    base_values = {r.name: r.value for r in base.requirements}
+    rows = []
+    for option in comparison.options:
+        found = {r.name: r for r in option.requirements}
+        label = f"{option.label} (baseline)" if option is base else option.label
+        cells = [Cell(_value_and_change(found[n], base_values.get(n, math.nan), option is base)) if n in found else Cell("–")
+                 for n in names]  # fmt: skip
+        rows.append((Cell(label), *cells))
+    return TableBlock(
+        f"Values of every requirement's quantity, in brackets the change from {base.label}",
+        ("Option", *names), tuple(rows), (1.6, *(1.0 for _ in names)), small=True,
+    )  # fmt: skip
+
+
+def _value_and_change(result: RequirementResult, base: float, is_base: bool) -> str:
+    text = number(result.value, result.unit)
+    change = result.value - base
+    if is_base or not math.isfinite(change):
+        return text
+    return f"{text} ({'+' if change > 0 else ''}{number(change)})"
+
+
+def _method(comparison: Comparison) -> Section:
+    blocks: list[Block] = [Bullets(METHOD)]
+    if comparison.assumptions:
+        blocks += [Paragraph("Assumptions of this scenario:"), Bullets(comparison.assumptions)]
+    if comparison.sources:
+        rows = tuple(row(key, citation) for key, citation in comparison.sources)
+        blocks.append(TableBlock("Sources of the scenario's numbers", ("Key", "Source"), rows, (1.0, 4.0)))
+    return Section("Method, assumptions and sources", "method", 1, tuple(blocks))
+
+
+def _provenance(comparison: Comparison) -> Section:
+    facts = (
+        row("Scenario file", comparison.scenario_path),
+        row("Scenario hash", comparison.scenario_hash),
+        row("Created", comparison.created),
+        row("Computing time", number(comparison.seconds, "s")),
+        *(row(name, version) for name, version in comparison.versions),
+    )
+    blocks: list[Block] = [TableBlock("Provenance", ("Item", "Value"), facts, (1.0, 2.6))]
+    evidence = [line for option in comparison.options for line in _evidence(option)]
+    if evidence:
+        heads = ("Option", "Result", "Verdict of the check", "Numbers behind it")
+        blocks.append(TableBlock("Certificates: what confirmed each result", heads, tuple(evidence), (1.2, 1.1, 1.1, 2.4)))
+    return Section("Provenance and certificates", "provenance", 1, tuple(blocks))
+
+
+def _evidence(option: OptionStudy) -> list[tuple[Cell, ...]]:
+    lines: list[tuple[Cell, ...]] = []
+    if option.modes is not None:
+        worst = float(max(option.modes.error_bound))
+        lines.append(row(option.label, "modes at the design point", option.modes.verdict.value.split(":")[0],
+                         f"largest eigenvalue error bound {number(worst, '1/s')}; Lyapunov inertia certified: "
+                         f"{'yes' if option.modes.certificate.certified else 'no'}"))  # fmt: skip
+    if option.floquet is not None:
+        at = option.floquet.at_design
+        lines.append(row(option.label, "Floquet multipliers", at.agreement.value,
+                         f"spectral radius {number(float(at.spectral_radius), digits=6)}, growth error {number(at.growth_error, '1/s')}"))  # fmt: skip
+    if option.design is not None:
+        proof = option.design.certificate
+        lines.append(row(option.label, f"{option.design.law} controller", proof.agreed.value,
+                         f"spectral abscissa {number(proof.spectral_abscissa, '1/s')}, Lyapunov residual "
+                         f"{number(proof.lyapunov_residual)} (proof below 1), closings differ by {number(proof.eigenvalue_difference)}"))  # fmt: skip
+    return lines
+
+
+def _scenario(comparison: Comparison) -> Section:
+    words = Paragraph("The scenario exactly as read; the hash on every page is of this text.")
+    return Section("Scenario", "scenario", 1, (words, Listing(comparison.scenario_text)))

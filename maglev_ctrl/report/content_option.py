@@ -1,0 +1,255 @@
+"""The pages of one option: what it is, its verdicts, modes, margins, periodic stability and controller."""
+
+from __future__ import annotations
+
+
+import numpy as np
+
+from maglev_ctrl.analysis.disk import DiskMargin
+from maglev_ctrl.analysis.margins import ChannelMargins, Margins
+from maglev_ctrl.errors import Agreement
+from maglev_ctrl.report.charts_margins import disk_value, nyquist
+from maglev_ctrl.report.charts_modes import boundary_words, energy_ledger, other_sweeps, root_locus, speed_chart
+from maglev_ctrl.report.charts_periodic import resonance_chart, resonance_words
+from maglev_ctrl.report.charts_shapes import mode_shapes
+from maglev_ctrl.report.groups import largest_feeder
+from maglev_ctrl.report.model import Banner, Block, Bullets, Cell, FigureBlock, Paragraph, Section, Table, row
+from maglev_ctrl.report.style import number
+from maglev_ctrl.study.records import Comparison, FloquetStudy, OptionStudy, Sweep
+
+_MOST_MODES = 12
+_KILOMETRES_PER_HOUR = 3.6
+
+
+def option_section(comparison: Comparison, option: OptionStudy, place: int) -> list[Section]:
+    """The option's chapter: an overview and its parts as sub-sections."""
+    anchor = f"option-{place + 1}"
+    overview: list[Block] = [Banner(option.verdict, _verdict_words(option))]
+    if option.summary:
+        overview.append(Bullets(option.summary))
+    if option.failure:
+        overview.append(Paragraph(f"This option could not be studied: {option.failure}"))
+    if option.requirements:
+        overview.append(requirement_table(option, f"Requirements of {option.label}"))
+        overview += _reasons(option)
+    if option.equilibrium is not None:
+        overview.append(_equilibrium_table(option))
+    if option.notes:
+        overview.append(Bullets(option.notes))
+    sections = [Section(f"Option: {option.label}", anchor, 1, tuple(overview), option.verdict)]
+    parts = (
+        ("Modes and stability", "modes", _mode_blocks(comparison, option)),
+        ("Margins", "margins", _margin_blocks(option)),
+        ("Periodic forcing", "periodic", _periodic_blocks(comparison, option)),
+        ("Controller", "controller", _controller_blocks(option)),
+    )
+    sections += [Section(title, f"{anchor}-{part}", 2, tuple(blocks)) for title, part, blocks in parts if blocks]
+    return sections
+
+
+def _verdict_words(option: OptionStudy) -> str:
+    if not option.requirements:
+        return "No requirement was judged."
+    counts = {r.verdict: sum(x.verdict is r.verdict for x in option.requirements) for r in option.requirements}
+    return "Requirements: " + ", ".join(f"{count} {verdict.value}" for verdict, count in counts.items()) + "."
+
+
+def requirement_table(option: OptionStudy, caption: str) -> Table:
+    """Limit, value, margin, worst operating point and method of every requirement."""
+    rows = tuple(
+        row(
+            r.name, r.description, f"{'≥' if r.sense == 'at_least' else '≤'} {number(r.limit, r.unit)}",
+            number(r.value, r.unit), number(r.margin_percent, "%"), r.worst_at or "–", r.method, r.verdict,
+        )
+        for r in option.requirements
+    )  # fmt: skip
+    heads = ("Requirement", "Quantity", "Limit", "Value", "Margin", "Worst at", "Method", "Verdict")
+    return Table(caption, heads, rows, (1.25, 1.9, 0.95, 0.95, 0.8, 1.25, 2.0, 1.1), right=(2, 3, 4), small=True)
+
+
+def _reasons(option: OptionStudy) -> list[Block]:
+    told = tuple(f"{r.name}, {r.verdict.value}: {r.reason}" for r in option.requirements if r.reason)
+    return [Bullets(told)] if told else []
+
+
+def _equilibrium_table(option: OptionStudy) -> Table:
+    found = option.equilibrium
+    if found is None:
+        raise ValueError("option: expected an equilibrium, got None")
+    heights, gaps = np.atleast_1d(found.magnet_heights), np.atleast_1d(found.magnet_gaps)
+    rows = [
+        row("Speed", number(found.at.speed * _KILOMETRES_PER_HOUR, "km/h")),
+        row("Magnet heights", _range(heights * 1e3, "mm")),
+        row("Magnet strength, factor on the currents as given", number(float(found.strength), digits=4)),
+    ]
+    if gaps.size and np.isfinite(gaps).any():
+        rows.insert(2, row("Guidance gaps", _range(gaps * 1e3, "mm")))
+    return Table(f"Equilibrium of {option.label} at the design point", ("Quantity", "Value"), tuple(rows), (2.0, 1.0), (1,))
+
+
+def _range(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]], unit: str) -> str:
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return "–"
+    low, high = float(np.min(known)), float(np.max(known))
+    return number(low, unit) if high - low <= 1e-6 * abs(high) else f"{number(low)} to {number(high, unit)}"
+
+
+def _mode_blocks(comparison: Comparison, option: OptionStudy) -> list[Block]:
+    blocks: list[Block] = []
+    if option.modes is not None:
+        blocks.append(_mode_table(option))
+    for sweep in option.sweeps:
+        if sweep.parameter == "speed":
+            blocks.append(Paragraph(f"Over speed: {boundary_words(sweep)}" + _gap_words(sweep)))
+    charts = (
+        speed_chart(option, design_speed=comparison.design_speed), other_sweeps(option), root_locus(option),
+        mode_shapes(option), energy_ledger(option),
+    )  # fmt: skip
+    return blocks + [FigureBlock(chart) for chart in charts if chart is not None]
+
+
+def _gap_words(sweep: Sweep) -> str:
+    if not sweep.gaps:
+        return ""
+    value, reason = sweep.gaps[0]
+    more = f" and {len(sweep.gaps) - 1} more" if len(sweep.gaps) > 1 else ""
+    return f" Not evaluated at {number(value * sweep.scale, sweep.unit)}{more}: {reason}"
+
+
+def _mode_table(option: OptionStudy) -> Table:
+    modes = option.modes
+    if modes is None:
+        raise ValueError("option: expected modes, got None")
+    order = np.argsort(-modes.s.real, kind="stable")
+    rows = []
+    for k in order[:_MOST_MODES]:
+        fed = largest_feeder(option.system, modes.ledger, mode=int(k)) if option.system is not None else None
+        rows.append(
+            row(
+                modes.labels[k], number(float(modes.frequency[k]), "Hz"),
+                number(100.0 * float(modes.damping_ratio[k]), "%"), number(float(modes.s[k].real), "1/s"),
+                number(float(modes.error_bound[k]), "1/s", digits=1), modes.kind[k].value, f"{fed[0]} {number(fed[1], '1/s')}" if fed else "–",
+            )
+        )  # fmt: skip
+    left = len(order) - len(rows)
+    more = f"; {left} faster decaying ones are in report.json" if left > 0 else ""
+    heads = ("Mode", "Frequency", "Damping", "Growth rate", "± error", "Kind", "Fed most by")
+    return Table(
+        f"Modes of {option.label} at the design point, least stable first{more}", heads, tuple(rows),
+        (2.0, 0.9, 0.9, 1.0, 0.8, 1.5, 1.5), right=(1, 2, 3, 4), small=True,
+    )  # fmt: skip
+
+
+def _margin_blocks(option: OptionStudy) -> list[Block]:
+    margins = option.margins
+    if margins is None:
+        return [Paragraph(f"Margins were not evaluated: {option.margins_reason}")] if option.margins_reason else []
+    rows = tuple(_channel_row(channel) for channel in margins.channels)
+    heads = ("Channel", "Gain down", "Gain up", "Phase", "Delay", "Modulus", "Disk α", "Verified")
+    caption = f"Margins of {option.label}, one channel at a time with the others closed"
+    widths = (2.0, 1.0, 1.0, 0.9, 1.0, 0.9, 1.1, 0.9)
+    blocks: list[Block] = [
+        Table(caption, heads, rows, widths, (1, 2, 3, 4, 5, 6)), Paragraph(_multi_loop_words(margins.multi_loop)),
+    ]  # fmt: skip
+    unresolved = _unresolved(margins)
+    if unresolved:
+        blocks.append(Bullets(unresolved))
+    chart = nyquist(option)
+    return [*blocks, FigureBlock(chart)] if chart is not None else blocks
+
+
+def _channel_row(one: ChannelMargins) -> tuple[Cell, ...]:
+    return row(
+        one.channel, number(one.gain_reduction.decibel, "dB"), number(one.gain_increase.decibel, "dB"),
+        number(one.phase.value, "deg"), number(1e3 * one.delay.value, "ms"), number(one.modulus.value),
+        number(disk_value(one.disk)), "yes" if one.verified else "no",
+    )  # fmt: skip
+
+
+def _multi_loop_words(disk: DiskMargin) -> str:
+    low, high = disk.gain_range_db
+    at = number(disk.frequency / (2.0 * np.pi), "Hz")
+    bounds = f"proven {number(disk.alpha_proven)}, reached by a worst case at {number(disk.alpha_reached)} and {at}"
+    replayed = "the replay puts a pole on the axis" if disk.verified else "not confirmed by a replay"
+    return (
+        f"All channels at once: disk margin α between bounds {bounds} ({disk.agreement.value}; {replayed}). Every channel "
+        f"may change at the same time by any gain between {number(low, 'dB')} and {number(high, 'dB')}, or by "
+        f"{number(disk.phase, 'deg')} of phase."
+    )
+
+
+def _unresolved(margins: Margins) -> tuple[str, ...]:
+    """Reasons of every margin that no replay confirmed."""
+    named = ("gain_reduction", "gain_increase", "phase", "delay", "modulus")
+    found = [
+        f"{one.channel}, {name.replace('_', ' ')}: {value.reason}"
+        for one in margins.channels
+        for name, value in ((name, getattr(one, name)) for name in named)
+        if not value.verified
+    ]
+    if not margins.multi_loop.verified:
+        found.append(f"all channels, disk margin: {margins.multi_loop.reason}")
+    return tuple(found)
+
+
+def _periodic_blocks(comparison: Comparison, option: OptionStudy) -> list[Block]:
+    study = option.floquet
+    if study is None:
+        reason = option.floquet_reason
+        return [Paragraph(f"Periodic stability was not evaluated: {reason}")] if reason else []
+    blocks: list[Block] = [Paragraph(resonance_words(option.label, study)), _floquet_table(option, study)]
+    chart = resonance_chart(option, design_speed=comparison.design_speed)
+    if chart is not None:
+        blocks.append(FigureBlock(chart))
+    if study.no_go_ranges:
+        rows = tuple(
+            row(number(a * _KILOMETRES_PER_HOUR, "km/h"), number(b * _KILOMETRES_PER_HOUR, "km/h"), name)
+            for a, b, name in study.no_go_ranges
+        )
+        caption = f"Speeds {option.label} must not hold at the expected modulation depth"
+        blocks.append(Table(caption, ("From", "To", "Resonance"), rows, (1.0, 1.0, 3.0), (0, 1)))
+    return blocks
+
+
+def _floquet_table(option: OptionStudy, study: FloquetStudy) -> Table:
+    cases = [("with the option's elements", study.at_design)]
+    if study.open_loop is not None:
+        cases.append(("without them", study.open_loop))
+    rows = tuple(
+        row(
+            name, number(float(f.spectral_radius), digits=5), number(float(f.growth_rate), "1/s"),
+            number(float(f.growth_error), "1/s", digits=1), _agreement(f.agreement),
+        )
+        for name, f in cases
+    )  # fmt: skip
+    heads = ("Vehicle", "Largest multiplier", "Growth rate", "Error bound", "Two engines")
+    caption = f"Floquet stability of {option.label} at the design speed and expected depth"
+    return Table(caption, heads, rows, (1.8, 1.2, 1.1, 1.0, 1.2), (1, 2, 3))
+
+
+def _agreement(value: Agreement) -> str:
+    return "agree" if value is Agreement.AGREED else "UNRESOLVED"
+
+
+def _controller_blocks(option: OptionStudy) -> list[Block]:
+    design = option.design
+    if design is None:
+        return []
+    proof = design.certificate
+    controller = design.controller
+    rows = [
+        row("Law", design.law),
+        row("Solver", design.status.value),
+        row("Measures", ", ".join(controller.measured)),
+        row("Commands", ", ".join(controller.commands)),
+        row("Order", str(len(controller.states))),
+        row("Closed-loop spectral abscissa", number(proof.spectral_abscissa, "1/s")),
+        row("Lyapunov proof residual (proof below 1)", number(proof.lyapunov_residual)),
+        row("Checks", f"{proof.agreed.value}: {'; '.join(proof.disagreements) or '; '.join(proof.methods)}"),
+        *(row(f"Riccati residual {i + 1}", number(float(r.residual))) for i, r in enumerate(design.riccati)),
+    ]
+    blocks: list[Block] = [Table(f"Controller of {option.label}", ("Item", "Value"), tuple(rows), (1.0, 2.4))]
+    if design.notes:
+        blocks.append(Bullets(design.notes))
+    return blocks

@@ -1,0 +1,89 @@
+"""A comparison written as a folder of reports: HTML, PDF and JSON, all or nothing."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal, get_args
+
+from maglev_ctrl.report.content import report_model
+from maglev_ctrl.report.vector import svg
+from maglev_ctrl.report.html import html
+from maglev_ctrl.report.pdf import pdf
+from maglev_ctrl.report.serialise import to_json
+from maglev_ctrl.study.records import Comparison
+
+Format = Literal["html", "pdf", "json"]
+FORMATS: tuple[Format, ...] = get_args(Format)
+
+
+def write(
+    comparison: Comparison, folder: str | os.PathLike[str], *, formats: Sequence[Format] = FORMATS
+) -> tuple[Path, ...]:
+    """Write report.html, report.pdf and report.json into `folder`; returns their paths in the order of `formats`.
+
+    Everything is made in a temporary folder beside `folder` and moved there only when complete: a failure leaves an
+    earlier report as it was. Other files in `folder` are kept.
+
+    Parameters
+    ----------
+    folder : made when it does not exist
+
+    Raises
+    ------
+    ValueError : an unknown or doubled format, or none
+    """
+    unknown = [name for name in formats if name not in FORMATS]
+    if unknown or not formats or len(set(formats)) != len(formats):
+        raise ValueError(f"formats: expected distinct names out of {', '.join(FORMATS)}, got {tuple(formats)}")
+    target = Path(folder)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    staging = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
+    try:
+        for name, content in _contents(comparison, formats).items():
+            (staging / f"report.{name}").write_bytes(content)
+        return _swap(staging, target, tuple(f"report.{name}" for name in formats))
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+
+
+def _contents(comparison: Comparison, formats: Sequence[Format]) -> dict[Format, bytes]:
+    made: dict[Format, bytes] = {}
+    if "html" in formats or "pdf" in formats:
+        report = report_model(comparison)
+        pictures = {chart.key: svg(chart) for chart in report.charts()}
+        if "html" in formats:
+            made["html"] = html(report, pictures).encode()
+        if "pdf" in formats:
+            made["pdf"] = pdf(report, pictures)
+    if "json" in formats:
+        made["json"] = to_json(comparison).encode()
+    return made
+
+
+def _swap(staging: Path, target: Path, names: tuple[str, ...]) -> tuple[Path, ...]:
+    """Move the finished folder into place; a folder that is already there is exchanged, its other files kept."""
+    os.chmod(staging, 0o755)
+    if not target.exists():
+        staging.rename(target)
+        return tuple(target / name for name in names)
+    old = Path(tempfile.mkdtemp(prefix=f".{target.name}-old-", dir=target.parent))
+    moved: list[str] = []
+    try:
+        for name in names:
+            if (target / name).exists():
+                (target / name).rename(old / name)
+            moved.append(name)
+            (staging / name).rename(target / name)
+    except OSError:
+        for name in moved:
+            (target / name).unlink(missing_ok=True)
+            if (old / name).exists():
+                (old / name).rename(target / name)
+        raise
+    finally:
+        shutil.rmtree(old, ignore_errors=True)
+    return tuple(target / name for name in names)

@@ -1,0 +1,93 @@
+"""The vehicle as boxes: outlines of its bodies, and where they go when a mode moves them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+
+from maglev_ctrl.arrays import ComplexArray, FloatArray
+from maglev_ctrl.vehicle import DOF_NAMES, GUIDEWAY, Vehicle
+
+View = Literal["side", "front", "top"]
+AXES: Final[dict[View, tuple[int, int]]] = {"side": (0, 2), "front": (1, 2), "top": (0, 1)}
+_LEAST_HALF: Final = (1.0, 1.0, 0.45)  # m, of a body with nothing attached away from its centre
+_CLEARANCE: Final = 0.8  # m between stacked boxes
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Box:
+    """A body's outline: centre and half sizes (3,) in m; heights are schematic where the model gives none."""
+
+    body: str
+    centre: FloatArray
+    half: FloatArray
+    magnets: FloatArray  # (k, 3) points under or beside the box
+
+
+def boxes(vehicle: Vehicle) -> tuple[Box, ...]:
+    """Outlines from where magnets and connections sit; bodies that would overlap are stacked, magnets at the bottom."""
+    made: list[Box] = []
+    carries = {magnet.body for magnet in vehicle.magnets} | {c.body for c in vehicle.coefficient_elements}
+    for body in sorted(vehicle.bodies, key=lambda b: b.name not in carries):
+        centre = np.array(body.position, dtype=float)
+        points = _attached(vehicle, body.name)
+        reach = np.max(np.abs(points - centre), axis=0) if points.size else np.zeros(3)
+        half = np.maximum(reach, np.array(_LEAST_HALF))
+        if reach[0] > _LEAST_HALF[0]:
+            half[0] = reach[0] * 1.06
+        half[2] = min(half[2], max(_LEAST_HALF[2], 0.9))
+        for other in made:
+            apart = np.abs(centre - other.centre)
+            if np.all(apart[:2] < half[:2] + other.half[:2]) and apart[2] < half[2] + other.half[2] + 0.1:
+                centre[2] = other.centre[2] + other.half[2] + half[2] + _CLEARANCE
+        magnets = np.array([m.position for m in vehicle.magnets if m.body == body.name], dtype=float).reshape(-1, 3)
+        made.append(Box(body.name, centre, half, magnets))
+    order = {body.name: i for i, body in enumerate(vehicle.bodies)}
+    return tuple(sorted(made, key=lambda box: order[box.body]))
+
+
+def _attached(vehicle: Vehicle, body: str) -> FloatArray:
+    ends = [(m.body, GUIDEWAY, m.position) for m in vehicle.magnets]
+    ends += [(c.body, c.to, c.position) for c in (*vehicle.connections, *vehicle.actuators)]
+    points = [position for one, other, position in ends if body in (one, other)]
+    return np.array(points, dtype=float).reshape(-1, 3)
+
+
+def motion(vehicle: Vehicle, shape: ComplexArray, body: str) -> tuple[ComplexArray, ComplexArray]:
+    """Translation (3,) and rotation (3,) of one body in a mode shape (n,) over the vehicle's coordinates."""
+    values = np.zeros(6, dtype=complex)
+    for place, name in enumerate(vehicle.dofs):
+        owner, _, dof = name.rpartition(".")
+        if owner == body:
+            values[DOF_NAMES.index(dof)] = shape[place]
+    return values[:3], values[3:]
+
+
+def corners(box: Box, view: View) -> FloatArray:
+    """Corners (4, 3) of the box's outline in a view, through its centre in the direction of sight."""
+    first, second = AXES[view]
+    points = np.tile(box.centre, (4, 1))
+    points[:, first] += box.half[first] * np.array([-1.0, 1.0, 1.0, -1.0])
+    points[:, second] += box.half[second] * np.array([-1.0, -1.0, 1.0, 1.0])
+    return points
+
+
+def displacement(box: Box, points: FloatArray, moved: tuple[ComplexArray, ComplexArray]) -> ComplexArray:
+    """Displacement (k, 3) of points of a body: translation plus rotation times lever arm."""
+    translation, rotation = moved
+    return translation + np.cross(np.broadcast_to(rotation, points.shape), points - box.centre)
+
+
+def best_view(vehicle: Vehicle, outline: tuple[Box, ...], shape: ComplexArray) -> View:
+    """The view in which the corners of the boxes move most; the side view unless another shows clearly more."""
+    seen: dict[View, float] = {}
+    for view, axes in AXES.items():
+        total = 0.0
+        for box in outline:
+            moved = displacement(box, corners(box, view), motion(vehicle, shape, box.body))
+            total += float(np.sum(np.abs(moved[:, list(axes)]) ** 2))
+        seen[view] = total
+    best = max(seen, key=lambda view: seen[view])
+    return best if seen[best] > 1.2 * seen["side"] else "side"

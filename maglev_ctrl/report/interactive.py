@@ -1,0 +1,227 @@
+"""Charts on a live page: the same chart as a plotly specification, and plotly itself packed for one offline file."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+import math
+from functools import lru_cache
+from typing import Any, Final, assert_never
+
+import numpy as np
+
+from maglev_ctrl.arrays import FloatArray
+from maglev_ctrl.report.chart import Area, Axis, Bars, Chart, Heat, Item, Line, Marks, Note, Panel, Rule, Span
+from maglev_ctrl.report.style import WIDTH
+
+_SYMBOLS: Final = {
+    "circle": "circle", "square": "square", "diamond": "diamond", "cross": "x-thin-open", "triangle": "triangle-up",
+    "open_circle": "circle-open",
+}  # fmt: skip
+_ANCHORS: Final = {"left": "left", "center": "center", "right": "right"}
+_VERTICAL: Final = {"top": "top", "center": "middle", "bottom": "bottom"}
+_PIXELS: Final = 96.0  # per inch
+
+
+def interactive(chart: Chart) -> dict[str, Any]:
+    """A chart as a plotly figure specification: {"data": [...], "layout": {...}}, plain JSON values only.
+
+    Examples
+    --------
+    >>> from maglev_ctrl.report.chart import Axis, Chart, Line, Panel
+    >>> line = Line(np.array([0.0, 1.0]), np.array([0.0, 1.0]), "rise")
+    >>> interactive(Chart("k", "caption", "alt", (Panel((line,), Axis("time (s)"), Axis("m")),)))["data"][0]["y"]
+    [0.0, 1.0]
+    """
+    data: list[dict[str, Any]] = []
+    gap_y = 0.30 if chart.share_x else 0.62
+    height = sum(chart.heights) + (chart.rows - 1) * gap_y
+    layout: dict[str, Any] = {
+        "height": round((height + 1.2) * _PIXELS),
+        "margin": {"l": 66, "r": 20, "t": 40, "b": 56},
+        "paper_bgcolor": "rgba(0,0,0,0)",
+        "plot_bgcolor": "rgba(0,0,0,0)",
+        "font": {"size": 12},
+        "hovermode": "closest",
+        "bargap": 0,
+        "barmode": "overlay",
+        "shapes": [],
+        "annotations": [],
+        "legend": {"orientation": "v"} if chart.legend == "right" else {"orientation": "h", "y": -0.2, "yanchor": "top"},
+    }
+    seen: set[str] = set()
+    gap_x = 0.10 / max(1, chart.columns)
+    width = (1.0 - (chart.columns - 1) * gap_x) / chart.columns
+    for place, panel in enumerate(chart.panels):
+        row, column = divmod(place, chart.columns)
+        suffix = "" if place == 0 else str(place + 1)
+        left = column * (width + gap_x)
+        top = 1.0 - (sum(chart.heights[:row]) + row * gap_y) / height
+        bottom = top - chart.heights[row] / height
+        last = place + chart.columns >= len(chart.panels)
+        x_axis = _axis(panel.x, (left, left + width), "y" + suffix, title=last or not chart.share_x)
+        if chart.share_x and place:
+            x_axis["matches"] = "x"
+        y_axis = _axis(panel.y, (max(0.0, bottom), min(1.0, top)), "x" + suffix, title=True)
+        if panel.equal:
+            y_axis |= {"scaleanchor": "x" + suffix, "scaleratio": 1}
+        layout["xaxis" + suffix], layout["yaxis" + suffix] = x_axis, y_axis
+        if panel.title:
+            layout["annotations"].append({
+                "text": _plain(panel.title), "x": left, "y": min(1.0, top), "xref": "paper", "yref": "paper",
+                "xanchor": "left", "yanchor": "bottom", "showarrow": False, "font": {"size": 13, "weight": 700},
+            })  # fmt: skip
+        for item in panel.items:
+            _add(data, layout, item, panel, suffix, seen)
+    return {"data": data, "layout": layout}
+
+
+def _axis(axis: Axis, domain: tuple[float, float], anchor: str, *, title: bool) -> dict[str, Any]:
+    spec: dict[str, Any] = {
+        "domain": [round(domain[0], 4), round(domain[1], 4)], "anchor": anchor, "zeroline": False,
+        "showgrid": not axis.hidden, "showticklabels": title and not axis.hidden, "automargin": True,
+    }  # fmt: skip
+    if title and axis.label:
+        spec["title"] = {"text": _plain(axis.label)}
+    if axis.ticks is not None:
+        spec |= {"tickmode": "array", "tickvals": list(axis.ticks)}
+        if axis.tick_labels is not None:
+            spec["ticktext"] = [_plain(label) for label in axis.tick_labels]
+    if axis.limits is not None:
+        spec["range"] = [float(axis.limits[0]), float(axis.limits[1])]
+    return spec
+
+
+def _add(
+    data: list[dict[str, Any]], layout: dict[str, Any], item: Item, panel: Panel, suffix: str, seen: set[str]
+) -> None:
+    axes = {"xaxis": "x" + suffix, "yaxis": "y" + suffix}
+    match item:
+        case Line():
+            data.append({
+                "type": "scatter", "mode": "lines", "x": _values(item.x), "y": _values(item.y),
+                "line": {"color": item.colour, "dash": item.dash, "width": item.width * 1.3},
+                **_named(item.label, seen), **_hover(panel, item.label, ()), **axes,
+            })  # fmt: skip
+        case Marks():
+            data.append({
+                "type": "scatter", "mode": "markers", "x": _values(item.x), "y": _values(item.y),
+                "marker": {"color": item.colour, "symbol": _SYMBOLS[item.symbol], "size": item.size * 1.5,
+                           "line": {"width": 1.4, "color": item.colour}},
+                **_named(item.label, seen), **_hover(panel, item.label, item.hover), **axes,
+            })  # fmt: skip
+        case Bars():
+            data.append({
+                "type": "bar", "orientation": "h", "y": _values(item.position), "x": _values(item.length),
+                "base": _values(item.start), "width": item.thickness,
+                "marker": {"color": item.colour, "pattern": {"shape": "/" if item.hatched else "", "fgcolor": "#ffffff",
+                                                             "size": 6}},
+                **_named(item.label, seen), **_hover(panel, item.label, item.hover), **axes,
+            })  # fmt: skip
+        case Area():
+            data.append({
+                "type": "scatter", "mode": "lines", "x": _values(np.append(item.x, item.x[0])),
+                "y": _values(np.append(item.y, item.y[0])), "fill": "toself" if item.fill else "none",
+                "fillcolor": _faint(item.fill, item.opacity), "hoverinfo": "skip",
+                "line": {"color": item.edge or "rgba(0,0,0,0)", "dash": item.dash, "width": item.width * 1.3},
+                **_named(item.label, seen), **axes,
+            })  # fmt: skip
+        case Span():
+            _add_span(layout, item, suffix)
+        case Rule():
+            _add_rule(layout, item, suffix)
+        case Heat():
+            data.append({
+                "type": "heatmap", "x": _values(item.x), "y": _values(item.y), "z": [_values(row) for row in item.z],
+                "zmin": item.low, "zmax": item.high, "colorscale": "Viridis", "hoverongaps": False,
+                "colorbar": {"title": {"text": _plain(item.label), "side": "right"}, "thickness": 12},
+                "hovertemplate": "%{x}, %{y}<br>%{z}<extra></extra>", **axes,
+            })  # fmt: skip
+        case Note():
+            layout["annotations"].append({
+                "x": item.x, "y": item.y, "text": _plain(item.text), "xref": "x" + suffix, "yref": "y" + suffix,
+                "xanchor": _ANCHORS[item.horizontal], "yanchor": _VERTICAL[item.vertical], "showarrow": False,
+                "font": {"size": 11, "color": item.colour}, "bgcolor": "paper-colour" if item.boxed else "rgba(0,0,0,0)",
+            })  # fmt: skip
+        case _:
+            assert_never(item)
+
+
+def _add_span(layout: dict[str, Any], item: Span, suffix: str) -> None:
+    across = {"x0": item.start, "x1": item.stop, "xref": "x" + suffix, "y0": 0, "y1": 1, "yref": f"y{suffix} domain"}
+    along = {"y0": item.start, "y1": item.stop, "yref": "y" + suffix, "x0": 0, "x1": 1, "xref": f"x{suffix} domain"}
+    layout["shapes"].append({
+        "type": "rect", "fillcolor": item.colour, "opacity": item.opacity, "line": {"width": 0}, "layer": "below",
+        **(across if item.axis == "x" else along),
+    })  # fmt: skip
+
+
+def _add_rule(layout: dict[str, Any], item: Rule, suffix: str) -> None:
+    upright = {"x0": item.value, "x1": item.value, "xref": "x" + suffix, "y0": 0, "y1": 1, "yref": f"y{suffix} domain"}
+    level = {"y0": item.value, "y1": item.value, "yref": "y" + suffix, "x0": 0, "x1": 1, "xref": f"x{suffix} domain"}
+    layout["shapes"].append({
+        "type": "line", "line": {"color": item.colour, "dash": item.dash, "width": item.width * 1.2},
+        **(upright if item.axis == "x" else level),
+    })  # fmt: skip
+    if item.label:
+        place = {"x": item.value, "y": 1, "xref": "x" + suffix, "yref": f"y{suffix} domain"}
+        flat = {"x": 1, "y": item.value, "xref": f"x{suffix} domain", "yref": "y" + suffix}
+        layout["annotations"].append({
+            "text": _plain(item.label), "showarrow": False, "font": {"size": 10, "color": item.colour},
+            "xanchor": "left" if item.axis == "x" else "right", "yanchor": "top" if item.axis == "x" else "bottom",
+            **(place if item.axis == "x" else flat),
+        })  # fmt: skip
+
+
+def _named(label: str, seen: set[str]) -> dict[str, Any]:
+    """Legend entry once per label; curves of one label switch on and off together in every panel."""
+    if not label:
+        return {"showlegend": False}
+    first = label not in seen
+    seen.add(label)
+    return {"name": _plain(label), "legendgroup": label, "showlegend": first}
+
+
+def _hover(panel: Panel, label: str, texts: tuple[str, ...]) -> dict[str, Any]:
+    if texts:
+        return {"text": [_plain(text) for text in texts], "hovertemplate": "%{text}<extra></extra>"}
+    name = f"{_plain(label)}<br>" if label else ""
+    return {
+        "hovertemplate": f"{name}{_plain(panel.x.label)}: %{{x:.4g}}<br>{_plain(panel.y.label)}: %{{y:.4g}}<extra></extra>"
+    }
+
+
+def _plain(text: str) -> str:
+    """Words for plotly, which reads a few HTML tags in labels: nothing of ours is markup."""
+    safe = text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    return safe.replace("%{", "%\u200b{").replace("\n", "<br>")
+
+
+def _faint(fill: str | None, opacity: float) -> str:
+    if fill is None:
+        return "rgba(0,0,0,0)"
+    red, green, blue = (int(fill[i : i + 2], 16) for i in (1, 3, 5))
+    return f"rgba({red},{green},{blue},{opacity:g})"
+
+
+def _values(values: FloatArray) -> list[float | None]:
+    """Numbers to five significant digits: what a screen can show; the exact values are in report.json."""
+    return [float(f"{value:.5g}") if math.isfinite(value) else None for value in np.asarray(values, dtype=float)]
+
+
+def packed(value: Any) -> str:
+    """Any JSON value as gzip in base64, for the browser's DecompressionStream."""
+    return _pack(json.dumps(value, separators=(",", ":"), allow_nan=False).encode())
+
+
+@lru_cache(maxsize=1)
+def plotly_script() -> str:
+    """The plotly.js that ships with the plotly package, packed the same way."""
+    from importlib.resources import files
+
+    return _pack(files("plotly").joinpath("package_data", "plotly.min.js").read_bytes())
+
+
+def _pack(raw: bytes) -> str:
+    return base64.b64encode(gzip.compress(raw, compresslevel=9, mtime=0)).decode("ascii")

@@ -1,0 +1,123 @@
+"""One look for every figure: a colour-blind-safe palette in a fixed order, dashes, font sizes, number formats."""
+
+from __future__ import annotations
+
+import math
+from typing import Final, Literal
+
+Dash = Literal["solid", "dash", "dot", "dashdot"]
+Symbol = Literal["circle", "square", "diamond", "cross", "triangle", "open_circle"]
+
+INK: Final = "#1b1b1b"
+GRID: Final = "#d9d9d9"
+PAPER: Final = "#ffffff"
+FADED: Final = "#8a8a8a"
+PASS_COLOUR: Final = "#009e73"
+FAIL_COLOUR: Final = "#d55e00"
+UNKNOWN_COLOUR: Final = "#8a8a8a"
+
+# Okabe and Ito (2008): told apart with every common colour blindness; yellow comes last, it is weak on white paper.
+PALETTE: Final = ("#1b1b1b", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#b8a800")
+DASHES: Final[tuple[Dash, ...]] = ("solid", "dash", "dashdot", "dot")
+
+WIDTH: Final = 6.69  # in: 17 cm, the text width of an A4 page
+FONT_SIZE: Final = 8.0  # pt at print size
+FONT_FAMILY: Final = "DejaVu Sans"
+
+RC: Final[dict[str, object]] = {
+    "font.family": FONT_FAMILY,
+    "font.size": FONT_SIZE,
+    "axes.titlesize": FONT_SIZE + 0.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": FONT_SIZE,
+    "xtick.labelsize": FONT_SIZE - 0.5,
+    "ytick.labelsize": FONT_SIZE - 0.5,
+    "legend.fontsize": FONT_SIZE - 0.5,
+    "legend.frameon": False,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "axes.titlecolor": INK,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "axes.linewidth": 0.7,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": GRID,
+    "grid.linewidth": 0.5,
+    "lines.linewidth": 1.4,
+    "hatch.linewidth": 0.6,
+    "figure.facecolor": "none",
+    "axes.facecolor": "none",
+    "savefig.facecolor": "none",
+    "svg.fonttype": "none",
+    "text.parse_math": False,  # labels come from scenario files: a dollar sign is a dollar sign
+    "path.simplify_threshold": 0.3,
+}
+
+
+def colour(order: int) -> str:
+    """Colour of the option or mode with this place in its list.
+
+    Examples
+    --------
+    >>> colour(1) == colour(9)
+    True
+    """
+    return PALETTE[order % len(PALETTE)]
+
+
+def dash(order: int) -> Dash:
+    """Line style that keeps apart what shares a colour.
+
+    Examples
+    --------
+    >>> dash(0), dash(8)
+    ('solid', 'dash')
+    """
+    return DASHES[(order // len(PALETTE)) % len(DASHES)]
+
+
+def number(value: float, unit: str = "", *, digits: int = 3) -> str:
+    """A number to `digits` significant digits with its unit, for tables and labels.
+
+    Examples
+    --------
+    >>> number(138.8889, "m/s"), number(float("nan")), number(float("inf"), "dB"), number(0.00001234, "1/s")
+    ('139 m/s', '–', '∞ dB', '1.23e−5 1/s')
+    """
+    if math.isnan(value):
+        return "–"
+    if math.isinf(value):
+        text = "∞" if value > 0 else "−∞"
+    elif value == 0.0:
+        text = "0"
+    else:
+        size = math.floor(math.log10(abs(value)))
+        if -4 <= size < 6:
+            text = f"{value:.{max(0, digits - 1 - size)}f}"
+        else:
+            mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
+            text = f"{mantissa}e{int(exponent)}"
+        text = text.replace("-", "−")
+    return f"{text} {unit}".rstrip()
+
+
+def tick_text(value: float, step: float) -> str:
+    """A tick's number with as many decimals as its step needs.
+
+    Examples
+    --------
+    >>> tick_text(-0.5, 0.25), tick_text(1500.0, 500.0)
+    ('−0.50', '1500')
+    """
+    if step <= 0.0:
+        return f"{value:g}".replace("-", "−")
+    decimals = max(0, -math.floor(math.log10(step) + 1e-9))
+    if abs(step * 10**decimals - round(step * 10**decimals)) > 1e-6:
+        decimals += 1
+    text = f"{value:.{decimals}f}" if decimals <= 5 else f"{value:.2g}"
+    return (text if float(text) != 0.0 else text.replace("-", "")).replace("-", "−")

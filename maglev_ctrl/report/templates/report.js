@@ -1,0 +1,64 @@
+"use strict";
+// Unpacks the figure library and the figures' data kept in this very file, and draws a figure when it comes into view.
+// Whatever fails, the still figures stay.
+(async () => {
+  const live = document.getElementById("live");
+  const charts = [...document.querySelectorAll("figure[data-chart]")];
+  if (!("DecompressionStream" in window) || !charts.length) return;
+  const unpack = async (id) => {
+    const coded = atob(document.getElementById(id).textContent.trim());
+    const bytes = Uint8Array.from(coded, (c) => c.charCodeAt(0));
+    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+    return new Response(stream).text();
+  };
+  let figures;
+  try {
+    figures = JSON.parse(await unpack("figure-data"));
+    const code = document.createElement("script");
+    code.textContent = await unpack("figure-library");
+    document.head.append(code);
+    if (!window.Plotly) return;
+  } catch { return; }
+  const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+  const words = (figure) => figure.querySelector("svg")?.getAttribute("aria-label") ?? "";
+  const dressed = (spec) => {
+    const ink = colour("--ink"), grid = colour("--grid"), paper = colour("--paper");
+    const text = JSON.stringify(spec).replaceAll('"#1b1b1b"', JSON.stringify(ink)).replaceAll('"paper-colour"', JSON.stringify(paper));
+    const { data, layout } = JSON.parse(text);
+    layout.font = { ...layout.font, color: ink, family: getComputedStyle(document.body).fontFamily };
+    for (const [key, axis] of Object.entries(layout)) {
+      if (/^[xy]axis/.test(key)) Object.assign(axis, { gridcolor: grid, linecolor: ink, showline: true, tickcolor: ink, ticks: axis.showticklabels ? "outside" : "" });
+    }
+    return { data, layout };
+  };
+  const show = async (figure) => {
+    const target = figure.querySelector(".dynamic"), still = figure.querySelector(".static");
+    if (!live.checked) return;
+    target.hidden = false;
+    try {
+      const { data, layout } = dressed(figures[figure.dataset.chart]);
+      layout.width = undefined;
+      await window.Plotly.react(target, data, layout, { responsive: true, displaylogo: false, modeBarButtonsToRemove: ["lasso2d", "select2d"] });
+      target.setAttribute("role", "img");
+      target.setAttribute("aria-label", words(figure));
+      still.style.display = "none";
+      figure.dataset.drawn = "yes";
+    } catch { target.hidden = true; still.style.display = ""; }
+  };
+  const hide = (figure) => {
+    figure.querySelector(".dynamic").hidden = true;
+    figure.querySelector(".static").style.display = "";
+    delete figure.dataset.drawn;
+  };
+  const seen = new IntersectionObserver((entries) => {
+    for (const entry of entries) if (entry.isIntersecting && !entry.target.dataset.drawn) show(entry.target);
+  }, { rootMargin: "400px" });
+  live.disabled = false;
+  live.addEventListener("change", () => {
+    seen.disconnect();
+    charts.forEach((figure) => (live.checked ? seen.observe(figure) : hide(figure)));
+  });
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () =>
+    charts.filter((figure) => figure.dataset.drawn).forEach(show));
+  charts.forEach((figure) => seen.observe(figure));
+})();
