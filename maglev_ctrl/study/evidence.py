@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from maglev_ctrl.analysis.margins import Margins
@@ -34,10 +35,10 @@ class Evidence:
     """
 
     modes: Modes
-    sweeps: dict[str, Sweep]
-    sweep_checks: dict[str, tuple[SweepCheck, ...]]
+    sweeps: Mapping[str, Sweep]
+    sweep_checks: Mapping[str, tuple[SweepCheck, ...]]
     margin_points: tuple[MarginPoint, ...]
     has_loops: bool
     floquet: FloquetStudy | None
     floquet_reason: str
-    design_values: dict[str, float]
+    design_values: Mapping[str, float]

@@ -7,9 +7,9 @@ from typing import assert_never
 from maglev_ctrl.scenario import OptionRecord, Scenario, control_law
 from maglev_ctrl.study.situation import VERIFICATION_ORDER, OptionModel, Situation
 from maglev_ctrl.synthesis.design import Design, verify
+from maglev_ctrl.synthesis.gaussian import SensorNoise
 from maglev_ctrl.synthesis.laws import design_lqg, design_lqr
 from maglev_ctrl.synthesis.skyhook import SkyHook, sky_hook
-from maglev_ctrl.synthesis.gaussian import SensorNoise
 from maglev_ctrl.synthesis.weights import InputWeight, OutputWeight
 
 

@@ -64,7 +64,7 @@ def _study(model: OptionModel, option: OptionRecord, blank: OptionStudy, step: S
     found = modes(closed)
     step("sweeps")
     sweeps = tuple(sweep(model, controller, parameter=name, values=values) for name, values in sweep_values(scenario))
-    checks = {one.parameter: _checks(model, controller, one) for one in sweeps}
+    checks: dict[str, tuple[SweepCheck, ...]] = {one.parameter: _checks(model, controller, one) for one in sweeps}
     step("margins")
     margin_points, locus, curves = _margins(model, controller, sweeps)
     step("resonance map")

@@ -15,8 +15,8 @@ from maglev_ctrl.arrays import ComplexArray, FloatArray
 from maglev_ctrl.errors import Verdict
 from maglev_ctrl.synthesis.design import Design
 from maglev_ctrl.systems import SecondOrderSystem
-from maglev_ctrl.vehicle.vehicle import Vehicle
 from maglev_ctrl.vehicle.operating import Equilibrium
+from maglev_ctrl.vehicle.vehicle import Vehicle
 
 SweepName = Literal["speed", "payload", "height", "gap", "lateral_offset"]
 
