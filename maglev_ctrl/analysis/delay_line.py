@@ -11,7 +11,7 @@ import numpy as np
 
 from maglev_ctrl.arrays import FloatArray
 
-ORDERS = (3, 4, 5, 6, 8, 10, 12, 16, 20, 26, 32, 40)
+ORDERS = (3, 4, 5, 6, 8, 10, 12, 16, 20, 26, 32, 40, 52, 64, 80)
 
 
 def delay_line(delay: float, order: int) -> tuple[FloatArray, FloatArray, FloatArray]:

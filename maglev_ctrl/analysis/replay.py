@@ -113,7 +113,7 @@ def pole_near(loop: Loop, start: complex, factors: tuple[Factor, ...] = (), *, i
     for _ in range(iterations):
         matrix = characteristic(loop, point, factors)
         left, values, right = np.linalg.svd(matrix)
-        residual = float(values[-1] / values[0])
+        residual = float(values[-1] / max(values[0], 1.0))
         if residual < best.residual:
             best = Replay(point, residual)
         slope = (characteristic(loop, point + step, factors) - characteristic(loop, point - step, factors)) / (2 * step)
@@ -125,7 +125,7 @@ def pole_near(loop: Loop, start: complex, factors: tuple[Factor, ...] = (), *, i
         point -= change
         if abs(change) <= 1e-13 * abs(point):
             final = np.linalg.svd(characteristic(loop, point, factors), compute_uv=False)
-            return Replay(complex(point), float(final[-1] / final[0]))
+            return Replay(complex(point), float(final[-1] / max(final[0], 1.0)))
     return best
 
 

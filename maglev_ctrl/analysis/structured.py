@@ -92,7 +92,7 @@ def mu_lower(matrix: ComplexArray, *, starts: tuple[FloatArray, ...] = (), goal:
         value, found = _ascend(matrix, np.asarray(start))
         if value > best:
             best, phases = value, found
-        if best >= np.log(goal) - 1e-9:
+        if np.exp(best) >= goal * (1.0 - 1e-9):
             break
     return _lower(matrix, phases)
 
