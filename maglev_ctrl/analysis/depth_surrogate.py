@@ -97,7 +97,7 @@ def depth_surrogate(
     >>> A_1 = np.array([[[0.0, 0.0], [-1.0, 0.0]]])
     >>> surrogate = depth_surrogate(np.array([[0.0, 1.0], [-1.0, 0.0]]), A_1, 0 * A_1, frequency=2.0, depth_max=0.5)
     >>> round(float(surrogate.growth(np.array([0.4]))[0]), 6)
-    0.099844
+    0.099536
     """
     A_0, A_cos, A_sin = scaled_coefficients(A_0, A_cos, A_sin, depth=depth_max)
     plan = plan_for(A_0, A_cos, A_sin, frequency=frequency, depth=depth_max, tolerance=1e-14)

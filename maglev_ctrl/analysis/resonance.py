@@ -289,7 +289,7 @@ def tongues(
     Examples
     --------
     >>> spring = SecondOrderSystem.from_matrices([[1.0]], [[0.0]], [[4.0]], dofs=("heave",))
-    >>> [(t.resonance.name, t.centre, t.half_width) for t in tongues(spring, [[[4.0]]], depth=0.1)]
+    >>> [(t.resonance.name, round(t.centre, 9), round(t.half_width, 9)) for t in tongues(spring, [[[4.0]]], depth=0.1)]
     [('2 w1/1 (heave)', 4.0, 0.1)]
     """
     unit = modulate(system, K_cos, K_sin, frequency=1.0)

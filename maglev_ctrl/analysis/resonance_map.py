@@ -237,7 +237,7 @@ def _check_points(growth: FloatArray, unstable: NDArray[np.bool_], count: int) -
 def _hill_difference(column: DepthSurrogate, depth: float, multiplier: complex) -> float:
     """Distance of the leading exponent to the nearest eigenvalue of the Hill matrix, 1/s; inf when none is near."""
     exponent = complex(np.log(multiplier) / column.period)
-    guess = central_copy(exponent, np.linalg.eigvals(column.A_0), column.frequency)
+    guess = central_copy(exponent, np.linalg.eigvals(column.A_0).astype(np.complex128), column.frequency)
     harmonics = len(column.A_cos)
     apart = float("inf")
     for reach in (6 * harmonics, 12 * harmonics):

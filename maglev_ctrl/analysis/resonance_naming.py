@@ -58,7 +58,7 @@ def name_exponent(
     ...               modes=state_modes(A_0)).kind
     'none'
     """
-    participation, reach = exponent_participation(
+    participation, _ = exponent_participation(
         A_0, A_cos, A_sin, frequency=frequency, exponent=exponent, modes=modes
     )
     size = np.abs(participation)

@@ -7,6 +7,7 @@ diagonal of R add up. Multipliers of like modulus (complex pairs among them) sta
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,12 +65,12 @@ def periodic_multipliers(factors: FloatArray, *, max_sweeps: int = 300) -> Perio
         bounds = [0, *(i for i in range(1, n) if np.linalg.norm(turn[i:, :i]) < _CLOSED), n]
         logs = np.sum([np.log(np.abs(np.diag(R)) + 1e-300) for R in triangles], axis=0)
         narrow = sweeps > 1 and all(
-            np.ptp(logs[a:b]) <= _SPREAD for a, b in zip(bounds[:-1], bounds[1:], strict=True)
+            np.ptp(logs[a:b]) <= _SPREAD for a, b in itertools.pairwise(bounds)
         )
     found: list[ComplexArray] = []
     errors: list[FloatArray] = []
     rounding = 4.0 * np.finfo(float).eps * np.sqrt(len(F)) * n
-    for a, b in zip(bounds[:-1], bounds[1:], strict=True):
+    for a, b in itertools.pairwise(bounds):
         block = _block_logs(triangles, turn, a, b)
         found.append(block)
         errors.append(rounding * np.exp(np.minimum(np.max(block.real) - block.real, 700.0)) * np.exp(_GROUP / 3.0))
