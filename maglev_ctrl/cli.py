@@ -241,7 +241,8 @@ def _print_verdicts(console: Console, comparison: Comparison) -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    table = Table(title=escape(comparison.title), title_justify="left")
+    console.print(f"[bold]{escape(comparison.title)}[/]")
+    table = Table()
     for heading in ("option", "kind", "verdict", "why"):
         table.add_column(heading, overflow="fold")
     for option in comparison.options:
@@ -273,7 +274,7 @@ def _print_values(console: Console, comparison: Comparison) -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    table = Table(title="requirements", title_justify="left")
+    table = Table()
     table.add_column("requirement", overflow="fold")
     for option in comparison.options:
         table.add_column(escape(option.label), overflow="fold")
