@@ -96,8 +96,7 @@ def state_modes(A_0: FloatArray, *, states: tuple[str, ...] = (), labels: tuple[
     >>> state_modes(np.array([[0.0, 1.0], [-4.0, 0.0]])).frequencies
     array([2.])
     """
-    s, right = linalg.eig(A_0)
-    left = np.linalg.inv(right).conj().T
+    s, right, left = _eigenvectors(A_0)
     size = np.maximum(np.abs(s), 1e-300)
     positive = [int(i) for i in np.nonzero(s.imag > 1e-9 * size)[0]]
     oscillating = tuple(sorted(positive, key=lambda i: float(s[i].imag)))
@@ -106,6 +105,17 @@ def state_modes(A_0: FloatArray, *, states: tuple[str, ...] = (), labels: tuple[
     if len(names) < len(oscillating):
         names = (*names, *("" for _ in range(len(oscillating) - len(names))))
     return StateModes(s, right, left, oscillating, conjugate, tuple(names))
+
+
+def _eigenvectors(A_0: FloatArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+    """Eigenvalues, right and left vectors with left^H right = 1; in a defective pair (free rigid motion) the left
+    vectors are scaled one by one, and those without overlap stay at unit length."""
+    s, own_left, right = linalg.eig(A_0, left=True, right=True)
+    if np.linalg.cond(right) < 1e10:
+        return s, right, np.asarray(np.linalg.inv(right).conj().T)
+    overlap = np.sum(own_left.conj() * right, axis=0)
+    usable = np.abs(overlap) > 1e-8
+    return s, right, np.asarray(own_left / np.where(usable, overlap.conj(), 1.0))
 
 
 def _leading_states(

@@ -120,7 +120,7 @@ def test_mathieu_characteristic_values() -> None:
 
 @pytest.mark.parametrize("name", [("a", 0, 5), ("a", 1, 5), ("b", 2, 10), ("b", 1, 25)])
 def test_mathieu_edges_by_root_finding(name: tuple[str, int, int]) -> None:
-    kind, order, q = name
+    _, order, q = name
     value = next(v for v in cases()["mathieu-characteristic-values"]["values"]
                  if (v["kind"], v["order"], v["q"]) == name)  # fmt: skip
 

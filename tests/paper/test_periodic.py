@@ -1,7 +1,7 @@
 """Parametric and combination resonance: exact Mathieu, Meissner and Floquet references, Hsu's closed forms.
 
 Sources: truncated Hill matrix with 30 harmonics in extended precision (characteristic values); closed-form trace of
-Meissner's equation; DOP853 at 1e-12 with root finding on the spectral radius (intervals); Hsu, J. Appl. Mech. 30 (1963).
+Meissner's equation; DOP853 at 1e-12 with roots of the spectral radius (intervals); Hsu, J. Appl. Mech. 30 (1963).
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ HZ = 2 * np.pi
 
 
 def stiff_vehicle(period: float, *, spoil: bool = True) -> PeriodicSystem:
-    """Six light modes of 0.9..7 Hz at 1 % damping with eight real poles of 20..125 rad/s; units mixed over 8 decades."""
+    """Six light modes of 0.9..7 Hz at 1 % damping with eight real poles of 20..125 rad/s; units 8 decades apart."""
     rng = np.random.default_rng(3)
     w = HZ * np.array([0.9, 1.3, 1.7, 3.0, 5.0, 7.0])
     A, A_1 = np.zeros((20, 20)), np.zeros((20, 20))

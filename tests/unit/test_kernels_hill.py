@@ -78,7 +78,7 @@ def test_pair_returns_both_vectors() -> None:
     A_0, cosine, sine = mathieu(1.0, 0.3)
     spectrum = hill_spectrum(A_0, cosine, sine, frequency=2.0)
     matrix = hill_matrix(A_0, cosine, sine, frequency=2.0, harmonics=10)
-    value, right, left, residual = hill_pair(matrix, complex(spectrum.exponents[0]) + 1e-5)
+    value, _, left, residual = hill_pair(matrix, complex(spectrum.exponents[0]) + 1e-5)
     assert abs(value - spectrum.exponents[0]) < 1e-11
     assert residual < 1e-10
     assert np.linalg.norm(left.conj() @ matrix - value * left.conj()) < 1e-9

@@ -32,7 +32,10 @@ def two_modes(damping: tuple[float, float] = (0.004, 0.012)) -> SecondOrderSyste
 
 @pytest.mark.parametrize(
     ("a", "b", "g"),
-    [(0.01, 0.03, 0.002), (0.02, 0.02, 0.001 + 0.0005j), (0.005, 0.05, 0.0007 - 0.001j), (0.01, 0.02, -0.0002 + 0.001j)],
+    [
+        (0.01, 0.03, 0.002), (0.02, 0.02, 0.001 + 0.0005j), (0.005, 0.05, 0.0007 - 0.001j),
+        (0.01, 0.02, -0.0002 + 0.001j),
+    ],
 )
 def test_interval_and_threshold_are_where_growth_vanishes(a: float, b: float, g: complex) -> None:
     """The closed forms against the roots of the growth polynomial itself."""
@@ -223,3 +226,18 @@ def test_critical_depth_curve_equals_single_points() -> None:
                 scaled = modulate(two_modes(), [factor * single.depth * SUM], frequency=W[k])
                 assert floquet(scaled).stable is stable
     assert np.isinf(curve.depth[3])
+
+
+def test_free_rigid_motion_does_not_stop_the_analysis() -> None:
+    """A coordinate without stiffness: a defective pair of eigenvalues at zero beside two oscillating modes."""
+    A = np.zeros((6, 6))
+    A[:3, 3:] = np.eye(3)
+    A[3:, :3] = -np.diag([0.0, 1.0, 2.89])
+    A[4, 4], A[5, 5] = -0.004, -0.012
+    A_1 = np.zeros((1, 6, 6))
+    A_1[0, 4:, 1:3] = -SUM
+    found = {t.resonance.name: t for t in state_tongues(A, A_1, 0 * A_1, depth=0.1)}
+    alone = {t.resonance.name: t for t in tongues(two_modes(), [SUM], depth=0.1, labels=("", ""))}
+    assert set(found) == set(alone)
+    for name, tongue in found.items():
+        assert tongue.half_width == pytest.approx(alone[name].half_width, rel=1e-9, abs=1e-12)
