@@ -236,7 +236,7 @@ def _critical_factors(closed: ClosedLoop, i: int, frequency: FloatArray) -> tupl
 def _gain_margin(closed: ClosedLoop, i: int, factors: FloatArray, at: FloatArray, *, increase: bool) -> MarginValue:
     on_side = factors > 1.0 if increase else factors < 1.0
     if not np.any(on_side):
-        far = 1e3 if increase else 1e-3
+        far = min(1e3, closed.trusted_factor) if increase else 1e-3
         verified = _stable_with(closed, i, far)
         limit, what = (np.inf, "increase") if increase else (0.0, "reduction")
         if not verified:
@@ -247,7 +247,9 @@ def _gain_margin(closed: ClosedLoop, i: int, factors: FloatArray, at: FloatArray
     value = float(factors[k])
     before = value ** (1.0 - _JUST_BEFORE)
     reached = _reaches(closed, i, at[k], Factor(constant=value))
-    return _confirmed(value, closed.true_frequency(at[k]), reached, _stable_with(closed, i, before))
+    # Beyond the trusted factor only the search on the exact loop tells that no pole crosses earlier.
+    stable_before = before > closed.trusted_factor or _stable_with(closed, i, before)
+    return _confirmed(value, closed.true_frequency(at[k]), reached, stable_before)
 
 
 def _phase_margin(closed: ClosedLoop, i: int, angles: FloatArray, at: FloatArray, *, sign: float) -> MarginValue:

@@ -53,6 +53,13 @@ class ClosedLoop:
     reach: float = np.inf
     faithful: bool = True
 
+    @property
+    def trusted_factor(self) -> float:
+        """Largest gain factor for which the realisation tells the stability of the exact loop."""
+        if not np.isfinite(self.reach):
+            return np.inf
+        return (1.0 - _LOW_GAIN) / _LOW_GAIN if self.faithful else 1.0
+
     def response(self, frequency: FloatArray) -> ComplexArray:
         """Exact S on the axis at the frequencies, inf included; (N, m, m)."""
         omega = np.atleast_1d(np.asarray(frequency, dtype=np.float64))

@@ -92,7 +92,20 @@ def _climb(
     omega = frequency * float(np.exp(np.clip(found.x[-1], -20.0, 20.0)))
     at_top = response(A, B, C, D, np.array([omega]))[0]
     climbed = mu_lower_at(at_top, np.append(found.x[:-1], 0.0))
+    end = _end_of_axis(A, omega)
+    if end is not None:  # the climb runs to an end of the axis without ever arriving
+        there = mu_lower(response(A, B, C, D, np.array([end]))[0], starts=(climbed.phases,), goal=climbed.value)
+        if there.value >= climbed.value * (1.0 - 1e-6) and there.value >= start.value:
+            return there, end
     return (climbed, omega) if climbed.value > start.value else (start, frequency)
+
+
+def _end_of_axis(A: FloatArray, frequency: float) -> float | None:
+    """0 or inf for a frequency far below or above every pole."""
+    rates = np.abs(np.linalg.eigvals(A))
+    if frequency < 1e-4 * float(np.min(rates)):
+        return 0.0
+    return np.inf if frequency > 1e4 * float(np.max(rates)) else None
 
 
 def mu_lower_at(value: ComplexArray, phases: FloatArray) -> LowerBound:
