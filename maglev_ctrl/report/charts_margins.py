@@ -11,7 +11,7 @@ from maglev_ctrl.analysis.margins import Margins
 from maglev_ctrl.arrays import ComplexArray, FloatArray
 from maglev_ctrl.errors import Verdict
 from maglev_ctrl.report.chart import Area, Axis, Bars, Chart, Item, Line, Marks, Note, Panel, Rule, Span
-from maglev_ctrl.report.style import FADED, FAIL_COLOUR, INK, UNKNOWN_COLOUR, colour, number
+from maglev_ctrl.report.style import ABSENT, ALPHA, FADED, FAIL_COLOUR, INK, MINUS, UNKNOWN_COLOUR, colour, number
 from maglev_ctrl.study.records import Comparison, NyquistCurve, OptionStudy
 
 MOST_CHANNELS = 6
@@ -30,8 +30,8 @@ def nyquist(option: OptionStudy) -> Chart | None:
     return Chart(
         key=f"{option.name}-nyquist",
         caption=f"Nyquist curves of {option.label}, one channel at a time with the other loops closed, positive "
-        "frequencies solid, negative dotted. The shaded disk is the one the disk margin keeps free; the cross is −1, "
-        "the dotted circle has radius 1." + (f" {more} more channels are in report.json." if more else ""),
+        "frequencies solid, negative dotted. The shaded disk is the one the disk margin keeps free; the cross is "
+        f"{MINUS}1, the dotted circle has radius 1." + (f" {more} more channels are in report.json." if more else ""),
         alt=f"Nyquist curves of {option.label} with disk margins: {parts}.",
         panels=tuple(_nyquist_panel(c, disks[c.channel]) for c in curves),
         columns=columns,
@@ -86,9 +86,9 @@ def _nyquist_panel(curve: NyquistCurve, alpha: float) -> Panel:
     items.append(Marks(np.array([-1.0]), np.array([0.0]), "cross", "", INK, 6.0))
     return Panel(
         items=tuple(items),
-        x=Axis("real part of L (–)", limits=(-1.0 - half, -1.0 + half)),
-        y=Axis("imaginary part of L (–)", limits=(-half, half)),
-        title=f"{curve.channel}: α = {number(alpha)}",
+        x=Axis(f"real part of L ({ABSENT})", limits=(-1.0 - half, -1.0 + half)),
+        y=Axis(f"imaginary part of L ({ABSENT})", limits=(-half, half)),
+        title=f"{curve.channel}: {ALPHA} = {number(alpha)}",
         equal=True,
     )
 
@@ -117,8 +117,7 @@ def margin_bars(comparison: Comparison) -> Chart | None:
     return Chart(
         key="margins",
         caption=f"Distance of every option to every requirement, per cent of the limit (cut at ±{_LONGEST_BAR:g} %): "
-        "bars to the right of zero are inside the limit, hatched bars fail, a written reason stands where nothing could "
-        "be computed.",
+        "bars to the right of zero are inside the limit, hatched bars fail; words where nothing was computed.",
         alt="Margins to the requirements. " + " ".join(_words(comparison, name) for name in names),
         panels=panels,
         columns=2,
@@ -161,21 +160,31 @@ def _margin_panel(comparison: Comparison, name: str, *, first: bool) -> Panel:
         value = f"{option.label}: {number(found.value, unit)}, {number(found.margin_percent, '%')}"
         items.append(
             Bars(
-                np.array([at]), np.zeros(1), np.array([cut]), 0.66, "", colour(row),
-                found.verdict is Verdict.FAIL, (value,),
-            )  # fmt: skip
+                np.array([at]),
+                np.zeros(1),
+                np.array([cut]),
+                0.66,
+                "",
+                colour(row),
+                found.verdict is Verdict.FAIL,
+                (value,),
+            )
         )
         if abs(found.margin_percent) > _LONGEST_BAR:
-            items.append(Note(math.copysign(0.97 * _LONGEST_BAR, cut), at, "»" if cut > 0 else "«", "center", colour=FADED))
+            items.append(
+                Note(math.copysign(0.97 * _LONGEST_BAR, cut), at, "»" if cut > 0 else "«", "center", colour=FADED)
+            )
     items.append(Rule("x", 0.0, "", INK, "solid", 0.9))
     word = "at least" if sense == "at_least" else "at most"
     return Panel(
         items=tuple(items),
         x=Axis("margin (% of the limit)", limits=(-_LONGEST_BAR, _LONGEST_BAR)),
         y=Axis(
-            "", limits=(0.6 - len(options), 0.6), ticks=tuple(-float(i) for i in range(len(options))),
+            "",
+            limits=(0.6 - len(options), 0.6),
+            ticks=tuple(-float(i) for i in range(len(options))),
             tick_labels=tuple(_short(o.label) for o in options) if first else tuple("" for _ in options),
-        ),  # fmt: skip
+        ),
         title=f"{name}: {word} {number(limit, unit)}",
     )
 

@@ -82,7 +82,7 @@ def _sweep_chart(option: OptionStudy, sweep: Sweep, *, design: float) -> Chart:
     bounds, missing = _boundaries(sweep), _missing(sweep)
     at_design = Rule("x", design * sweep.scale, DESIGN_LINE, INK, "dot", 1.0)
     window_growth = _window(s[:, shown])
-    window_damping = (min(-5.0, _least(damping)), 40.0)
+    window_damping = _damping_window(damping)
     growth.append(Span("y", 0.0, window_growth[1], FAIL_COLOUR, 0.10, label="unstable"))
     damping.append(Span("y", window_damping[0], 0.0, FAIL_COLOUR, 0.10, label="unstable"))
     axis = Axis(f"{PARAMETER_WORDS[sweep.parameter]} ({sweep.unit})")
@@ -126,10 +126,13 @@ def _window(s: ComplexArray) -> tuple[float, float]:
     return low - 0.1 * room, high + max(0.15 * room, 0.02)
 
 
-def _least(items: list[Item]) -> float:
-    known = [item.y[np.isfinite(item.y)] for item in items if isinstance(item, Line)]
-    least = min((float(np.min(y)) for y in known if y.size), default=0.0)
-    return max(1.15 * least, -40.0)
+def _damping_window(items: list[Item]) -> tuple[float, float]:
+    """Damping-ratio axis: all of the light modes, at most 40 % up and down."""
+    known = np.concatenate([item.y[np.isfinite(item.y)] for item in items if isinstance(item, Line)] or [np.zeros(0)])
+    shown = known[np.abs(known) <= 40.0]
+    high = max(1.15 * float(np.max(shown, initial=0.0)), 2.0)
+    low = min(1.15 * float(np.min(shown, initial=0.0)), -0.12 * high)
+    return low, high
 
 
 def _boundaries(sweep: Sweep) -> list[Item]:
@@ -158,7 +161,9 @@ def boundary_words(sweep: Sweep) -> str:
             return "No point of the sweep could be evaluated."
         state = "stable" if np.max(known) < 0.0 else "not stable"
         return f"No stability boundary lies inside the sweep; it is {state} throughout."
-    parts = [f"{c.direction} stability at {number(c.value * sweep.scale, sweep.unit)}" for c in sweep.boundaries.crossings]
+    parts = [
+        f"{c.direction} stability at {number(c.value * sweep.scale, sweep.unit)}" for c in sweep.boundaries.crossings
+    ]
     return "It " + ", ".join(parts) + "."
 
 
@@ -174,7 +179,10 @@ def root_locus(option: OptionStudy) -> Chart | None:
         upper = np.where(s[:, k].imag >= 0.0, s[:, k], np.nan)
         items.append(Line(upper.real, upper.imag / (2.0 * np.pi), "", colour(1), "solid", 1.1))
     designed = int(np.argmin(np.abs(option.locus.gain - 1.0)))
-    for place, symbol, label in ((0, "open_circle", "without the option's elements"), (designed, "square", "as designed")):
+    for place, symbol, label in (
+        (0, "open_circle", "without the option's elements"),
+        (designed, "square", "as designed"),
+    ):
         at = s[place, shown]
         at = at[at.imag >= 0.0]
         tint = colour(0) if place == 0 else colour(1)
@@ -184,17 +192,22 @@ def root_locus(option: OptionStudy) -> Chart | None:
         reach = min(high, -limits[0][0] * np.sqrt(1.0 - ratio**2) / (2.0 * np.pi * ratio))
         end = -2.0 * np.pi * reach * ratio / np.sqrt(1.0 - ratio**2)
         items.append(Line(np.array([0.0, end]), np.array([0.0, reach]), "", FADED, "dot", 0.8))
-        items.append(Note(end, reach, f"{100 * ratio:g} %", "center", "bottom" if reach >= high else "center", FADED, True))
+        items.append(
+            Note(end, reach, f"{100 * ratio:g} %", "center", "bottom" if reach >= high else "center", FADED, True)
+        )
     items.append(Rule("x", 0.0, "", INK, "solid", 0.8))
     items.append(Span("x", 0.0, limits[0][1], FAIL_COLOUR, 0.10, label="unstable"))
     note = f" {outside} branches reach beyond the window." if outside else ""
     return Chart(
         key=f"{option.name}-locus",
         caption=f"Root locus of {option.label} at the design point as its own elements are faded in from nothing to "
-        f"{number(float(option.locus.gain[-1]))} times their design values; dotted rays are constant damping ratios.{note}",
+        f"{number(float(option.locus.gain[-1]))} times their design values; dotted rays are constant damping "
+        f"ratios.{note}",
         alt=f"Root locus of {option.label}: {int(np.sum(s[0, shown].real > 0))} unstable eigenvalues without its "
         f"elements, {int(np.sum(s[designed, shown].real > 0))} as designed (upper half plane).",
-        panels=(Panel(tuple(items), Axis("growth rate (1/s)", limits=limits[0]), Axis("frequency (Hz)", limits=limits[1])),),
+        panels=(
+            Panel(tuple(items), Axis("growth rate (1/s)", limits=limits[0]), Axis("frequency (Hz)", limits=limits[1])),
+        ),
         panel_height=2.9,
     )
 
@@ -214,11 +227,11 @@ def _branches(s: ComplexArray) -> ComplexArray:
 def _locus_window(s: ComplexArray) -> tuple[tuple[tuple[float, float], tuple[float, float]], int]:
     """Window on the lightly damped part of the plane, and how many branches leave it."""
     known = s[np.isfinite(s.real)]
-    light = known[(known.real > -0.5 * np.abs(known))]
+    light = known[known.real > -0.5 * np.abs(known)]
     basis = light if light.size else known
     reach = 1.15 * float(np.max(np.abs(basis))) if basis.size else 1.0
-    low = max(1.2 * float(np.min(known.real)), -0.7 * reach) if known.size else -1.0
-    right = max(float(np.max(known.real)) * 1.3, 0.08 * abs(low), 0.05)
+    low = max(1.25 * float(np.min(basis.real)), -0.7 * reach) if basis.size else -1.0
+    right = max(float(np.max(known.real)) * 1.3, 0.08 * abs(low), 0.05) if known.size else 1.0
     top = 1.15 * max(float(np.max(basis.imag)) / (2.0 * np.pi), 0.1) if basis.size else 1.0
     outside = int(np.sum(np.nanmin(s.real, axis=0) < low))
     return ((min(low, -0.1), right), (0.0, top)), outside
@@ -239,30 +252,39 @@ def energy_ledger(option: OptionStudy) -> Chart | None:
         return None
     rows: list[str] = []
     items: list[Item] = []
+    tables = (("damping", modes.ledger.damping), ("circulatory", modes.ledger.circulatory))
     for row, k in enumerate(split):
-        shares = [(name, part, float(np.sum(table[members, k])))
-                  for name, members in groups.items()
-                  for part, table in (("damping", modes.ledger.damping), ("circulatory", modes.ledger.circulatory))]  # fmt: skip
+        shares = [
+            (name, part, float(np.sum(table[members, k]))) for name, members in groups.items() for part, table in tables
+        ]
         size = max(sum(v for *_, v in shares if v > 0), -sum(v for *_, v in shares if v < 0)) or 1.0
         items += _ledger_row(shares, list(groups), -float(row), size)
         growth = float(modes.ledger.growth[k])
-        items.append(Marks(np.array([growth / size]), np.array([-float(row)]), "diamond", "sum = growth rate", INK, 5.0))
-        rows.append(f"{_short(modes.labels[k])}\n{number(modes.s[k].imag / (2 * np.pi), 'Hz')}, {number(growth, '1/s')}")
+        items.append(
+            Marks(np.array([growth / size]), np.array([-float(row)]), "diamond", "sum = growth rate", INK, 5.0)
+        )
+        rows.append(
+            f"{_short(modes.labels[k])}\n{number(modes.s[k].imag / (2 * np.pi), 'Hz')}, {number(growth, '1/s')}"
+        )
     items.append(Rule("x", 0.0, "", INK, "solid", 0.8))
     return Chart(
         key=f"{option.name}-ledger",
         caption=f"Energy ledger of {option.label} at the design point: what each element adds to a mode's growth rate, "
-        "through damping (plain) and through circulatory, non-symmetric stiffness (hatched). Bars to the right feed the "
-        "mode, bars to the left damp it; each row is scaled to its own largest sum, the diamond is the total.",
+        "through damping (plain) and through circulatory, non-symmetric stiffness (hatched). Bars to the right feed "
+        "the mode, bars to the left damp it; each row is scaled to its own largest sum, the diamond is the total.",
         alt=f"Energy ledger of {option.label}: " + "; ".join(row.replace("\n", ", ") for row in rows),
         panels=(
             Panel(
                 tuple(items),
                 Axis("share of the growth rate (relative to the mode's largest sum)", limits=(-1.08, 1.08)),
-                Axis("", limits=(0.6 - len(split), 0.6), ticks=tuple(-float(r) for r in range(len(split))),
-                     tick_labels=tuple(rows)),
+                Axis(
+                    "",
+                    limits=(0.6 - len(split), 0.6),
+                    ticks=tuple(-float(r) for r in range(len(split))),
+                    tick_labels=tuple(rows),
+                ),
             ),
-        ),  # fmt: skip
+        ),
         panel_height=0.35 + 0.42 * len(split),
     )
 
@@ -276,9 +298,15 @@ def _ledger_row(shares: list[tuple[str, str, float]], names: list[str], row: flo
         label = name if part == "damping" else f"{name} (circulatory)"
         items.append(
             Bars(
-                np.array([row]), np.array([ends[value > 0]]), np.array([value / size]), 0.62, label,
-                colour(names.index(name) + 1), part == "circulatory", (f"{label}: {number(value, '1/s')}",),
-            )  # fmt: skip
+                np.array([row]),
+                np.array([ends[value > 0]]),
+                np.array([value / size]),
+                0.62,
+                label,
+                colour(names.index(name) + 1),
+                part == "circulatory",
+                (f"{label}: {number(value, '1/s')}",),
+            )
         )
         ends[value > 0] += value / size
     return items

@@ -38,8 +38,8 @@ def resonance_chart(option: OptionStudy, *, design_speed: float) -> Chart | None
         key=f"{option.name}-resonance",
         caption=f"Resonance map of {option.label} under stiffness modulation with wavelength "
         f"{number(study.wavelength, 'm')}: colour is the growth rate of unstable tongues, blank is stable, the line is "
-        "the smallest unstable depth at each speed. Below: speeds that are stable (go) and unstable (no go, hatched) at "
-        f"the expected depth of {number(100 * study.expected_depth, '%')}. Map method: {study.map.method}.",
+        "the smallest unstable depth at each speed. Below: speeds that are stable (go) and unstable (no go, hatched) "
+        f"at the expected depth of {number(100 * study.expected_depth, '%')}. Map method: {study.map.method}.",
         alt=resonance_words(option.label, study),
         panels=(upper, _bands(study, limits_x)),
         row_heights=(2.8, 0.16),
@@ -73,7 +73,7 @@ def _names(study: FloquetStudy, x: FloatArray, depth: FloatArray) -> list[Item]:
         columns = np.flatnonzero(inside.any(axis=1))
         lowest = [float(depth[np.flatnonzero(inside[c])[0]]) for c in columns]
         best = int(np.argmin(lowest))
-        tips.append((lowest[best], float(x[columns[best]]), tongue.name))
+        tips.append((lowest[best], float(x[columns[best]]), tongue_words(tongue.name)))
     tips.sort()
     width, height = float(x[-1] - x[0]), float(depth[-1] - depth[0])
     placed: list[tuple[float, float]] = []
@@ -104,16 +104,23 @@ def _bands(study: FloquetStudy, limits: tuple[float, float]) -> Panel:
     return Panel(tuple(items), Axis("speed (km/h)", limits=limits), Axis("", limits=(0.0, 1.0), hidden=True))
 
 
+def tongue_words(name: str) -> str:
+    """A tongue's name, or that there is none."""
+    return "no resonance: unstable by itself" if name in ("none", "") else name
+
+
 def resonance_words(label: str, study: FloquetStudy) -> str:
     """The map in words."""
+    if bool(np.all(study.map.unstable[:, 0])) and study.map.depths[0] == 0.0:
+        return f"{label} is unstable without any modulation at every speed of the map; there is nothing to survive."
     worst = (
         f"the smallest unstable depth is {number(100 * study.worst_depth, '%')} at "
-        f"{number(study.worst_speed * _KILOMETRES_PER_HOUR, 'km/h')} ({study.worst_resonance})"
+        f"{number(study.worst_speed * _KILOMETRES_PER_HOUR, 'km/h')} ({tongue_words(study.worst_resonance)})"
         if np.isfinite(study.worst_depth)
-        else f"no depth up to {number(100 * study.largest_depth, '%')} is unstable at the speeds that are stable unforced"
+        else f"no depth up to {number(100 * study.largest_depth, '%')} is unstable where the option is stable unforced"
     )
     bad = ", ".join(
-        f"{number(a * _KILOMETRES_PER_HOUR)} to {number(b * _KILOMETRES_PER_HOUR, 'km/h')} ({name})"
+        f"{number(a * _KILOMETRES_PER_HOUR)} to {number(b * _KILOMETRES_PER_HOUR, 'km/h')} ({tongue_words(name)})"
         for a, b, name in study.no_go_ranges
     )
     return f"Resonance map of {label}: {worst}. Unstable at the expected depth: {bad or 'nowhere on the map'}."

@@ -10,10 +10,21 @@ from maglev_ctrl.report.charts_comparison import options_over_speed
 from maglev_ctrl.report.charts_margins import margin_bars, requirement_names
 from maglev_ctrl.report.content_option import option_section, requirement_table
 from maglev_ctrl.report.findings import key_findings, leading_option
-from maglev_ctrl.report.model import Banner, Block, Bullets, Cell, FigureBlock, Listing, Paragraph, Report, Section
+from maglev_ctrl.report.model import (
+    Banner,
+    Block,
+    Bullets,
+    Cell,
+    FigureBlock,
+    Listing,
+    Paragraph,
+    Report,
+    Section,
+    cell,
+    row,
+)
 from maglev_ctrl.report.model import Table as TableBlock
-from maglev_ctrl.report.model import cell, row
-from maglev_ctrl.report.style import number
+from maglev_ctrl.report.style import ABSENT, number
 from maglev_ctrl.study.records import Comparison, OptionStudy, RequirementResult
 
 METHOD = (
@@ -21,8 +32,8 @@ METHOD = (
     "linearised, and no force model is ever asked outside its data.",
     "Stability is read from the eigenvalues of the closed loop with their rounding-error bounds and confirmed by the "
     "inertia of a Lyapunov solution; where the two do not agree the result is unresolved, never stable.",
-    "The energy ledger splits each growth rate exactly over the vehicle's elements, into damping and circulatory parts; "
-    "the residual of the sum is a check of the eigenpair.",
+    "The energy ledger splits each growth rate exactly over the vehicle's elements, into damping and circulatory "
+    "parts; the residual of the sum is a check of the eigenpair.",
     "Margins are asked only of stable loops. Disk margins are peaks of closed-loop transfer functions found by "
     "Hamiltonian bisection, not on a frequency grid; delay margins come from exact crossings.",
     "Periodic stability comes from Floquet multipliers, computed by two independent engines (propagators over one "
@@ -55,7 +66,9 @@ def _summary(comparison: Comparison) -> Section:
     if best is not None and best.requirements:
         several = len(comparison.options) > 1
         which = f"leading option {best.label}" if several else best.label
-        blocks.append(requirement_table(best, f"Requirements, judged for the {which}" if several else f"Requirements of {which}"))
+        blocks.append(
+            requirement_table(best, f"Requirements, judged for the {which}" if several else f"Requirements of {which}")
+        )
     return Section("Summary", "summary", 1, tuple(blocks), comparison.verdict)
 
 
@@ -64,8 +77,8 @@ def _banner_words(comparison: Comparison) -> str:
     speed = number(comparison.design_speed * 3.6, "km/h")
     height = number(comparison.design_height * 1e3, "mm")
     return (
-        f"{counts[Verdict.PASS]} options pass, {counts[Verdict.FAIL]} fail, {counts[Verdict.NOT_EVALUATED]} not "
-        f"evaluated. Design point {speed} at {height} height."
+        f"Options: {counts[Verdict.PASS]} PASS, {counts[Verdict.FAIL]} FAIL, {counts[Verdict.NOT_EVALUATED]} NOT "
+        f"EVALUATED. Design point {speed} at {height} height."
     )
 
 
@@ -98,9 +111,11 @@ def _value_table(comparison: Comparison) -> TableBlock:
     for option in comparison.options:
         found = {r.name: r for r in option.requirements}
         label = f"{option.label} (baseline)" if option is base else option.label
-        cells = [Cell(_value_and_change(found[n], base_values.get(n, math.nan), option is base)) if n in found else Cell("–")
-                 for n in names]  # fmt: skip
-        rows.append((Cell(label), *cells))
+        texts = [
+            _value_and_change(found[n], base_values.get(n, math.nan), option is base) if n in found else ABSENT
+            for n in names
+        ]
+        rows.append(row(label, *texts))
     return TableBlock(
         f"Values of every requirement's quantity, in brackets the change from {base.label}",
         ("Option", *names), tuple(rows), (1.6, *(1.0 for _ in names)), small=True,
@@ -137,7 +152,9 @@ def _provenance(comparison: Comparison) -> Section:
     evidence = [line for option in comparison.options for line in _evidence(option)]
     if evidence:
         heads = ("Option", "Result", "Verdict of the check", "Numbers behind it")
-        blocks.append(TableBlock("Certificates: what confirmed each result", heads, tuple(evidence), (1.2, 1.1, 1.1, 2.4)))
+        blocks.append(
+            TableBlock("Certificates: what confirmed each result", heads, tuple(evidence), (1.2, 1.1, 1.1, 2.4))
+        )
     return Section("Provenance and certificates", "provenance", 1, tuple(blocks))
 
 
@@ -145,18 +162,24 @@ def _evidence(option: OptionStudy) -> list[tuple[Cell, ...]]:
     lines: list[tuple[Cell, ...]] = []
     if option.modes is not None:
         worst = float(max(option.modes.error_bound))
-        lines.append(row(option.label, "modes at the design point", option.modes.verdict.value.split(":")[0],
-                         f"largest eigenvalue error bound {number(worst, '1/s')}; Lyapunov inertia certified: "
-                         f"{'yes' if option.modes.certificate.certified else 'no'}"))  # fmt: skip
+        certified = "yes" if option.modes.certificate.certified else "no"
+        numbers = f"largest eigenvalue error bound {number(worst, '1/s')}; Lyapunov inertia certified: {certified}"
+        judged = option.modes.verdict.value.split(":")[0]
+        lines.append(row(option.label, "modes at the design point", judged, numbers))
     if option.floquet is not None:
         at = option.floquet.at_design
-        lines.append(row(option.label, "Floquet multipliers", at.agreement.value,
-                         f"spectral radius {number(float(at.spectral_radius), digits=6)}, growth error {number(at.growth_error, '1/s')}"))  # fmt: skip
+        numbers = (
+            f"spectral radius {number(at.spectral_radius, digits=6)}, growth error {number(at.growth_error, '1/s')}"
+        )
+        lines.append(row(option.label, "Floquet multipliers", at.agreement.value, numbers))
     if option.design is not None:
         proof = option.design.certificate
-        lines.append(row(option.label, f"{option.design.law} controller", proof.agreed.value,
-                         f"spectral abscissa {number(proof.spectral_abscissa, '1/s')}, Lyapunov residual "
-                         f"{number(proof.lyapunov_residual)} (proof below 1), closings differ by {number(proof.eigenvalue_difference)}"))  # fmt: skip
+        numbers = (
+            f"spectral abscissa {number(proof.spectral_abscissa, '1/s')}, Lyapunov residual "
+            f"{number(proof.lyapunov_residual)} (proof below 1), closings differ "
+            f"by {number(proof.eigenvalue_difference)}"
+        )
+        lines.append(row(option.label, f"{option.design.law} controller", proof.agreed.value, numbers))
     return lines
 
 

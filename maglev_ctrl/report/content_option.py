@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-
 import numpy as np
 
 from maglev_ctrl.analysis.disk import DiskMargin
@@ -10,11 +9,11 @@ from maglev_ctrl.analysis.margins import ChannelMargins, Margins
 from maglev_ctrl.errors import Agreement
 from maglev_ctrl.report.charts_margins import disk_value, nyquist
 from maglev_ctrl.report.charts_modes import boundary_words, energy_ledger, other_sweeps, root_locus, speed_chart
-from maglev_ctrl.report.charts_periodic import resonance_chart, resonance_words
+from maglev_ctrl.report.charts_periodic import resonance_chart, resonance_words, tongue_words
 from maglev_ctrl.report.charts_shapes import mode_shapes
 from maglev_ctrl.report.groups import largest_feeder
 from maglev_ctrl.report.model import Banner, Block, Bullets, Cell, FigureBlock, Paragraph, Section, Table, row
-from maglev_ctrl.report.style import number
+from maglev_ctrl.report.style import ABSENT, ALPHA, number
 from maglev_ctrl.study.records import Comparison, FloquetStudy, OptionStudy, Sweep
 
 _MOST_MODES = 12
@@ -59,7 +58,7 @@ def requirement_table(option: OptionStudy, caption: str) -> Table:
     rows = tuple(
         row(
             r.name, r.description, f"{'≥' if r.sense == 'at_least' else '≤'} {number(r.limit, r.unit)}",
-            number(r.value, r.unit), number(r.margin_percent, "%"), r.worst_at or "–", r.method, r.verdict,
+            number(r.value, r.unit), number(r.margin_percent, "%"), r.worst_at or ABSENT, r.method, r.verdict,
         )
         for r in option.requirements
     )  # fmt: skip
@@ -84,13 +83,15 @@ def _equilibrium_table(option: OptionStudy) -> Table:
     ]
     if gaps.size and np.isfinite(gaps).any():
         rows.insert(2, row("Guidance gaps", _range(gaps * 1e3, "mm")))
-    return Table(f"Equilibrium of {option.label} at the design point", ("Quantity", "Value"), tuple(rows), (2.0, 1.0), (1,))
+    return Table(
+        f"Equilibrium of {option.label} at the design point", ("Quantity", "Value"), tuple(rows), (2.0, 1.0), (1,)
+    )
 
 
 def _range(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]], unit: str) -> str:
     known = values[np.isfinite(values)]
     if not known.size:
-        return "–"
+        return ABSENT
     low, high = float(np.min(known)), float(np.max(known))
     return number(low, unit) if high - low <= 1e-6 * abs(high) else f"{number(low)} to {number(high, unit)}"
 
@@ -125,11 +126,12 @@ def _mode_table(option: OptionStudy) -> Table:
     rows = []
     for k in order[:_MOST_MODES]:
         fed = largest_feeder(option.system, modes.ledger, mode=int(k)) if option.system is not None else None
+        feeder = f"{fed[0]} {number(fed[1], '1/s')}" if fed else ABSENT
         rows.append(
             row(
                 modes.labels[k], number(float(modes.frequency[k]), "Hz"),
                 number(100.0 * float(modes.damping_ratio[k]), "%"), number(float(modes.s[k].real), "1/s"),
-                number(float(modes.error_bound[k]), "1/s", digits=1), modes.kind[k].value, f"{fed[0]} {number(fed[1], '1/s')}" if fed else "–",
+                number(float(modes.error_bound[k]), "1/s", digits=1), modes.kind[k].value, feeder,
             )
         )  # fmt: skip
     left = len(order) - len(rows)
@@ -146,7 +148,7 @@ def _margin_blocks(option: OptionStudy) -> list[Block]:
     if margins is None:
         return [Paragraph(f"Margins were not evaluated: {option.margins_reason}")] if option.margins_reason else []
     rows = tuple(_channel_row(channel) for channel in margins.channels)
-    heads = ("Channel", "Gain down", "Gain up", "Phase", "Delay", "Modulus", "Disk α", "Verified")
+    heads = ("Channel", "Gain down", "Gain up", "Phase", "Delay", "Modulus", f"Disk {ALPHA}", "Verified")
     caption = f"Margins of {option.label}, one channel at a time with the others closed"
     widths = (2.0, 1.0, 1.0, 0.9, 1.0, 0.9, 1.1, 0.9)
     blocks: list[Block] = [
@@ -173,8 +175,8 @@ def _multi_loop_words(disk: DiskMargin) -> str:
     bounds = f"proven {number(disk.alpha_proven)}, reached by a worst case at {number(disk.alpha_reached)} and {at}"
     replayed = "the replay puts a pole on the axis" if disk.verified else "not confirmed by a replay"
     return (
-        f"All channels at once: disk margin α between bounds {bounds} ({disk.agreement.value}; {replayed}). Every channel "
-        f"may change at the same time by any gain between {number(low, 'dB')} and {number(high, 'dB')}, or by "
+        f"All channels at once: disk margin {ALPHA} between bounds {bounds} ({disk.agreement.value}; {replayed}). "
+        f"Every channel may change at the same time by any gain between {number(low, 'dB')} and {number(high, 'dB')}, or by "
         f"{number(disk.phase, 'deg')} of phase."
     )
 
@@ -204,7 +206,7 @@ def _periodic_blocks(comparison: Comparison, option: OptionStudy) -> list[Block]
         blocks.append(FigureBlock(chart))
     if study.no_go_ranges:
         rows = tuple(
-            row(number(a * _KILOMETRES_PER_HOUR, "km/h"), number(b * _KILOMETRES_PER_HOUR, "km/h"), name)
+            row(number(a * _KILOMETRES_PER_HOUR, "km/h"), number(b * _KILOMETRES_PER_HOUR, "km/h"), tongue_words(name))
             for a, b, name in study.no_go_ranges
         )
         caption = f"Speeds {option.label} must not hold at the expected modulation depth"

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from maglev_ctrl.report.content import report_model
-from maglev_ctrl.report.vector import svg
 from maglev_ctrl.report.html import html
 from maglev_ctrl.report.pdf import pdf
 from maglev_ctrl.report.serialise import to_json
+from maglev_ctrl.report.vector import svg
 from maglev_ctrl.study.records import Comparison
 
 Format = Literal["html", "pdf", "json"]
@@ -66,7 +66,7 @@ def _contents(comparison: Comparison, formats: Sequence[Format]) -> dict[Format,
 
 def _swap(staging: Path, target: Path, names: tuple[str, ...]) -> tuple[Path, ...]:
     """Move the finished folder into place; a folder that is already there is exchanged, its other files kept."""
-    os.chmod(staging, 0o755)
+    staging.chmod(0o755)
     if not target.exists():
         staging.rename(target)
         return tuple(target / name for name in names)

@@ -59,7 +59,7 @@ def draw(chart: Chart) -> Figure:
     import matplotlib
     from matplotlib.figure import Figure
 
-    with matplotlib.rc_context(RC):  # type: ignore[arg-type]
+    with matplotlib.rc_context(RC):
         frames, height, legend_top = _layout(chart)
         figure = Figure(figsize=(WIDTH, height))
         for place, (panel, frame) in enumerate(zip(chart.panels, frames, strict=True)):
@@ -165,7 +165,9 @@ class _Canvas:
         self._spines(panel, ticks_x, ticks_y, label_x=label_x)
         f = self.frame
         if panel.title:
-            self._text(f.left, f.bottom + f.height + 0.06, panel.title, va="bottom", weight="bold", size=FONT_SIZE + 0.3)
+            self._text(
+                f.left, f.bottom + f.height + 0.06, panel.title, va="bottom", weight="bold", size=FONT_SIZE + 0.3
+            )
         if label_x and panel.x.label:
             self._text(f.left + f.width / 2, f.bottom - 0.24, panel.x.label, ha="center", va="top")
         if panel.y.label:
@@ -184,7 +186,7 @@ class _Canvas:
             return np.array(axis.ticks, dtype=float), list(texts)
         size = self.frame.width if which == "x" else self.frame.height
         count = int(np.clip(size / (0.55 if which == "x" else 0.30), 3, 8))
-        places = MaxNLocator(nbins=count, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high)
+        places = np.asarray(MaxNLocator(nbins=count, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high), dtype=float)
         inside = places[(places >= low - 1e-9 * (high - low)) & (places <= high + 1e-9 * (high - low))]
         step = float(places[1] - places[0]) if len(places) > 1 else 1.0
         return inside, [tick_text(float(place), step) for place in inside]
@@ -290,8 +292,8 @@ class _Canvas:
                 assert_never(item)
 
     def _area(self, item: Area) -> None:
-        from matplotlib.patches import Polygon
         from matplotlib.colors import to_rgba
+        from matplotlib.patches import Polygon
 
         points = np.column_stack([self.frame.to_x(item.x), self.frame.to_y(item.y)])
         face = to_rgba(item.fill, item.opacity) if item.fill else "none"
@@ -343,7 +345,9 @@ class _Canvas:
         scale = _Frame(f.left + f.width + 0.10, f.bottom, 0.11, f.height, (0.0, 1.0), (item.low, item.high))
         bar = self.figure.add_axes((scale.left / size[0], box[1], scale.width / size[0], box[3]))
         bar.set_axis_off()
-        bar.imshow(np.linspace(0.0, 1.0, 64)[:, None], origin="lower", aspect="auto", interpolation="none", cmap=HEAT_COLOURS)
+        bar.imshow(
+            np.linspace(0.0, 1.0, 64)[:, None], origin="lower", aspect="auto", interpolation="none", cmap=HEAT_COLOURS
+        )
         canvas = _Canvas(self.figure, scale)
         for value, text in zip(*canvas._ticks(Axis(""), "y"), strict=True):
             self._text(scale.left + 0.15, float(scale.to_y(value)), text, size=FONT_SIZE - 0.5)

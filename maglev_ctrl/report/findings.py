@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from maglev_ctrl.errors import Agreement, Verdict
+from maglev_ctrl.report.charts_periodic import tongue_words
 from maglev_ctrl.report.groups import largest_feeder
 from maglev_ctrl.report.style import number
 from maglev_ctrl.study.records import Comparison, OptionStudy, RequirementResult
@@ -52,18 +53,20 @@ def key_findings(comparison: Comparison) -> tuple[str, ...]:
     best = leading_option(comparison)
     if best is not None and (tight := tightest(best)) is not None:
         sentences.append(
-            f"The leading option, {best.label}, is closest to its limit on {tight.name}: {number(tight.value, tight.unit)} "
-            f"against {_limit(tight)}, a margin of {number(tight.margin_percent, '%')}"
-            + (f" at {tight.worst_at}." if tight.worst_at else ".")
+            f"The leading option, {best.label}, is closest to its limit on {tight.name}: "
+            f"{number(tight.value, tight.unit)} against {_limit(tight)}, a margin of "
+            f"{number(tight.margin_percent, '%')}" + (f" at {tight.worst_at}." if tight.worst_at else ".")
         )
     if best is not None:
         sentences += _resonance(best)
-    open_questions = [o for o in options if o.failure or any(r.verdict is Verdict.NOT_EVALUATED for r in o.requirements)]
+    open_questions = [
+        o for o in options if o.failure or any(r.verdict is Verdict.NOT_EVALUATED for r in o.requirements)
+    ]
     if open_questions:
         count = sum(r.verdict is Verdict.NOT_EVALUATED for o in options for r in o.requirements)
         sentences.append(
-            f"{count} results could not be evaluated ({', '.join(o.label for o in open_questions)}); none of them counts "
-            "as passed, the reasons stand in the options' own tables."
+            f"{count} results could not be evaluated ({', '.join(o.label for o in open_questions)}); none of them "
+            "counts as passed, the reasons stand in the options' own tables."
         )
     doubtful = [o.label for o in options if o.modes is not None and o.modes.agreement is Agreement.UNRESOLVED]
     if doubtful:
@@ -86,8 +89,8 @@ def _baseline(comparison: Comparison) -> list[str]:
     speed = number(comparison.design_speed * _KILOMETRES_PER_HOUR, "km/h")
     frequency = number(float(base.modes.frequency[k]), "Hz")
     if base.modes.s[k].real <= 0.0:
-        return [f"{base.label} is {base.modes.verdict.value} at {speed}; its least stable mode is {base.modes.labels[k]} "
-                f"at {frequency} with growth rate {growth}."]  # fmt: skip
+        return [f"{base.label} is {base.modes.verdict.value} at {speed}; its least stable mode is "
+                f"{base.modes.labels[k]} at {frequency} with growth rate {growth}."]  # fmt: skip
     feeder = largest_feeder(base.system, base.modes.ledger, mode=k) if base.system is not None else None
     fed = f", fed by the {feeder[0]}" if feeder else ""
     return [f"{base.label} is unstable at {speed}: {base.modes.labels[k]} grows at {growth} ({frequency}, "
@@ -105,6 +108,6 @@ def _resonance(option: OptionStudy) -> list[str]:
     where = number(study.worst_speed * _KILOMETRES_PER_HOUR, "km/h")
     sentence = (
         f"Guideway modulation: {option.label} first becomes unstable at {number(100 * study.worst_depth, '%')} depth, "
-        f"{number(ratio)} times the expected depth, at {where} ({study.worst_resonance})."
+        f"{number(ratio)} times the expected depth, at {where} ({tongue_words(study.worst_resonance)})."
     )
     return [sentence]

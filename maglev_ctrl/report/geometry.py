@@ -50,7 +50,8 @@ def boxes(vehicle: Vehicle) -> tuple[Box, ...]:
 
 def _attached(vehicle: Vehicle, body: str) -> FloatArray:
     ends = [(m.body, GUIDEWAY, m.position) for m in vehicle.magnets]
-    ends += [(c.body, c.to, c.position) for c in (*vehicle.connections, *vehicle.actuators)]
+    ends += [(c.body, c.to, c.position) for c in vehicle.connections]
+    ends += [(a.body, a.to, a.position) for a in vehicle.actuators]
     points = [position for one, other, position in ends if body in (one, other)]
     return np.array(points, dtype=float).reshape(-1, 3)
 

@@ -6,12 +6,10 @@ import re
 from collections.abc import Mapping
 from importlib.resources import files
 
-from maglev_ctrl.errors import Verdict
-from maglev_ctrl.report.vector import themed
 from maglev_ctrl.report.interactive import interactive, packed, plotly_script
-from maglev_ctrl.report.model import SIGNS, FigureBlock, Report, Table
+from maglev_ctrl.report.model import SIGNS, SLUGS, FigureBlock, Report, Table
+from maglev_ctrl.report.vector import themed
 
-_SLUGS = {Verdict.PASS: "pass", Verdict.FAIL: "fail", Verdict.NOT_EVALUATED: "unknown"}
 _STYLE = re.compile(r' style="([^"]*)"')
 
 
@@ -30,22 +28,19 @@ def html(report: Report, pictures: Mapping[str, str]) -> str:
     template = environment.from_string(templates.joinpath("report.html.j2").read_text(encoding="utf-8"))
     charts = {chart.key: chart for chart in report.charts()}
     classes: dict[str, str] = {}
-    figures = {
-        key: Markup(_classed(themed(pictures[key], label=chart.alt), classes))  # noqa: S704 - our own SVG, labels escaped
-        for key, chart in charts.items()
-    }
+    figures = {key: Markup(_classed(themed(pictures[key], label=chart.alt), classes)) for key, chart in charts.items()}
     numbers = _numbers(report)
     return template.render(
         report=report,
         signs=SIGNS,
-        slug=lambda verdict: _SLUGS[verdict],
+        slug=lambda verdict: SLUGS[verdict],
         number=lambda block: numbers[id(block)],
         figures=figures,
-        style_sheet=Markup(templates.joinpath("report.css").read_text(encoding="utf-8")),  # noqa: S704
-        figure_style=Markup("".join(f".{name}{{{style}}}" for style, name in classes.items())),  # noqa: S704
+        style_sheet=Markup(templates.joinpath("report.css").read_text(encoding="utf-8")),
+        figure_style=Markup("".join(f".{name}{{{style}}}" for style, name in classes.items())),
         figure_data=packed({key: interactive(chart) for key, chart in charts.items()}),
         figure_library=plotly_script(),
-        script=Markup(templates.joinpath("report.js").read_text(encoding="utf-8")),  # noqa: S704
+        script=Markup(templates.joinpath("report.js").read_text(encoding="utf-8")),
     )
 
 

@@ -13,7 +13,6 @@ import numpy as np
 
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.report.chart import Area, Axis, Bars, Chart, Heat, Item, Line, Marks, Note, Panel, Rule, Span
-from maglev_ctrl.report.style import WIDTH
 
 _SYMBOLS: Final = {
     "circle": "circle", "square": "square", "diamond": "diamond", "cross": "x-thin-open", "triangle": "triangle-up",
@@ -35,7 +34,7 @@ def interactive(chart: Chart) -> dict[str, Any]:
     [0.0, 1.0]
     """
     data: list[dict[str, Any]] = []
-    gap_y = 0.30 if chart.share_x else 0.62
+    gap_y = 0.30 if chart.share_x else 1.0
     height = sum(chart.heights) + (chart.rows - 1) * gap_y
     layout: dict[str, Any] = {
         "height": round((height + 1.2) * _PIXELS),
@@ -44,11 +43,14 @@ def interactive(chart: Chart) -> dict[str, Any]:
         "plot_bgcolor": "rgba(0,0,0,0)",
         "font": {"size": 12},
         "hovermode": "closest",
+        "modebar": {"bgcolor": "rgba(0,0,0,0)"},
         "bargap": 0,
         "barmode": "overlay",
         "shapes": [],
         "annotations": [],
-        "legend": {"orientation": "v"} if chart.legend == "right" else {"orientation": "h", "y": -0.2, "yanchor": "top"},
+        "legend": {"orientation": "v"}
+        if chart.legend == "right"
+        else {"orientation": "h", "y": -0.2, "yanchor": "top"},
     }
     seen: set[str] = set()
     gap_x = 0.10 / max(1, chart.columns)
@@ -83,7 +85,7 @@ def _axis(axis: Axis, domain: tuple[float, float], anchor: str, *, title: bool) 
         "showgrid": not axis.hidden, "showticklabels": title and not axis.hidden, "automargin": True,
     }  # fmt: skip
     if title and axis.label:
-        spec["title"] = {"text": _plain(axis.label)}
+        spec["title"] = {"text": _plain(axis.label), "standoff": 6}
     if axis.ticks is not None:
         spec |= {"tickmode": "array", "tickvals": list(axis.ticks)}
         if axis.tick_labels is not None:
@@ -142,7 +144,8 @@ def _add(
             layout["annotations"].append({
                 "x": item.x, "y": item.y, "text": _plain(item.text), "xref": "x" + suffix, "yref": "y" + suffix,
                 "xanchor": _ANCHORS[item.horizontal], "yanchor": _VERTICAL[item.vertical], "showarrow": False,
-                "font": {"size": 11, "color": item.colour}, "bgcolor": "paper-colour" if item.boxed else "rgba(0,0,0,0)",
+                "font": {"size": 11, "color": item.colour},
+                "bgcolor": "paper-colour" if item.boxed else "rgba(0,0,0,0)",
             })  # fmt: skip
         case _:
             assert_never(item)
@@ -185,11 +188,10 @@ def _named(label: str, seen: set[str]) -> dict[str, Any]:
 
 def _hover(panel: Panel, label: str, texts: tuple[str, ...]) -> dict[str, Any]:
     if texts:
-        return {"text": [_plain(text) for text in texts], "hovertemplate": "%{text}<extra></extra>"}
+        return {"hovertext": [_plain(text) for text in texts], "hovertemplate": "%{hovertext}<extra></extra>"}
     name = f"{_plain(label)}<br>" if label else ""
-    return {
-        "hovertemplate": f"{name}{_plain(panel.x.label)}: %{{x:.4g}}<br>{_plain(panel.y.label)}: %{{y:.4g}}<extra></extra>"
-    }
+    x, y = _plain(panel.x.label), _plain(panel.y.label)
+    return {"hovertemplate": f"{name}{x}: %{{x:.4g}}<br>{y}: %{{y:.4g}}<extra></extra>"}
 
 
 def _plain(text: str) -> str:

@@ -9,6 +9,7 @@ from maglev_ctrl.errors import Verdict
 from maglev_ctrl.report.chart import Chart
 
 SIGNS = {Verdict.PASS: "✓", Verdict.FAIL: "✗", Verdict.NOT_EVALUATED: "?"}
+SLUGS = {Verdict.PASS: "pass", Verdict.FAIL: "fail", Verdict.NOT_EVALUATED: "unknown"}
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from importlib.resources import files
 from typing import Any, assert_never
 
-from maglev_ctrl.errors import Verdict
 from maglev_ctrl.report.model import (
     SIGNS,
+    SLUGS,
     Banner,
     Block,
     Bullets,
@@ -20,8 +20,6 @@ from maglev_ctrl.report.model import (
     Report,
     Table,
 )
-
-_SLUGS = {Verdict.PASS: "pass", Verdict.FAIL: "fail", Verdict.NOT_EVALUATED: "unknown"}
 
 
 def pdf(report: Report, pictures: Mapping[str, str]) -> bytes:
@@ -43,7 +41,8 @@ def pdf(report: Report, pictures: Mapping[str, str]) -> bytes:
     sources["main.typ"] = template
     sources["model.json"] = json.dumps(_document(report, names), ensure_ascii=False).encode()
     fonts = f"{matplotlib.get_data_path()}/fonts/ttf"
-    compiled = typst.compile(sources, font_paths=[fonts], ignore_system_fonts=True)
+    inputs: Any = sources  # a dictionary of files: taken by the library, not yet in its type hints
+    compiled = typst.compile(inputs, font_paths=[fonts], ignore_system_fonts=True)
     if not isinstance(compiled, bytes):
         raise TypeError(f"typst: expected one PDF as bytes, got {type(compiled).__name__}")
     return compiled
@@ -73,7 +72,7 @@ def _block(block: Block, names: Mapping[str, str]) -> dict[str, Any]:
             return {"kind": "Bullets", "items": list(block.items)}
         case Banner():
             sign = f"{SIGNS[block.verdict]} {block.verdict.value}"
-            return {"kind": "Banner", "verdict": _SLUGS[block.verdict], "sign": sign, "text": block.text}
+            return {"kind": "Banner", "verdict": SLUGS[block.verdict], "sign": sign, "text": block.text}
         case Table():
             return {
                 "kind": "Table", "caption": block.caption, "columns": list(block.columns), "small": block.small,
@@ -90,4 +89,4 @@ def _block(block: Block, names: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _cell(cell: Cell) -> dict[str, Any]:
-    return {"text": cell.text, "verdict": None if cell.verdict is None else _SLUGS[cell.verdict]}
+    return {"text": cell.text, "verdict": None if cell.verdict is None else SLUGS[cell.verdict]}

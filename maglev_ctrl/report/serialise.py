@@ -83,7 +83,7 @@ def plain(value: Any) -> Any:
     >>> plain((1.5, float("nan"), float("inf"), 2j))
     [1.5, 'NaN', 'Infinity', {'re': 0.0, 'im': 2.0}]
     """
-    if value is None or isinstance(value, (str, bool, int)) and not isinstance(value, Enum):
+    if value is None or (isinstance(value, (str, bool, int)) and not isinstance(value, Enum)):
         return value
     if isinstance(value, Enum):
         return value.value

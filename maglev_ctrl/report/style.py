@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Final, Literal
+from typing import Any, Final, Literal
+
+MINUS: Final = "\N{MINUS SIGN}"
+ABSENT: Final = "\N{EN DASH}"
+ALPHA: Final = "\N{GREEK SMALL LETTER ALPHA}"
 
 Dash = Literal["solid", "dash", "dot", "dashdot"]
 Symbol = Literal["circle", "square", "diamond", "cross", "triangle", "open_circle"]
@@ -17,14 +21,14 @@ FAIL_COLOUR: Final = "#d55e00"
 UNKNOWN_COLOUR: Final = "#8a8a8a"
 
 # Okabe and Ito (2008): told apart with every common colour blindness; yellow comes last, it is weak on white paper.
-PALETTE: Final = ("#1b1b1b", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#b8a800")
+PALETTE: Final = ("#1b1b1b", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#f0e442")
 DASHES: Final[tuple[Dash, ...]] = ("solid", "dash", "dashdot", "dot")
 
 WIDTH: Final = 6.69  # in: 17 cm, the text width of an A4 page
 FONT_SIZE: Final = 8.0  # pt at print size
 FONT_FAMILY: Final = "DejaVu Sans"
 
-RC: Final[dict[str, object]] = {
+RC: Final[dict[Any, Any]] = {
     "font.family": FONT_FAMILY,
     "font.size": FONT_SIZE,
     "axes.titlesize": FONT_SIZE + 0.5,
@@ -90,9 +94,9 @@ def number(value: float, unit: str = "", *, digits: int = 3) -> str:
     ('139 m/s', '–', '∞ dB', '1.23e−5 1/s')
     """
     if math.isnan(value):
-        return "–"
+        return ABSENT
     if math.isinf(value):
-        text = "∞" if value > 0 else "−∞"
+        text = "∞" if value > 0 else f"{MINUS}∞"
     elif value == 0.0:
         text = "0"
     else:
@@ -102,7 +106,7 @@ def number(value: float, unit: str = "", *, digits: int = 3) -> str:
         else:
             mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
             text = f"{mantissa}e{int(exponent)}"
-        text = text.replace("-", "−")
+        text = text.replace("-", MINUS)
     return f"{text} {unit}".rstrip()
 
 
@@ -115,9 +119,9 @@ def tick_text(value: float, step: float) -> str:
     ('−0.50', '1500')
     """
     if step <= 0.0:
-        return f"{value:g}".replace("-", "−")
+        return f"{value:g}".replace("-", MINUS)
     decimals = max(0, -math.floor(math.log10(step) + 1e-9))
     if abs(step * 10**decimals - round(step * 10**decimals)) > 1e-6:
         decimals += 1
     text = f"{value:.{decimals}f}" if decimals <= 5 else f"{value:.2g}"
-    return (text if float(text) != 0.0 else text.replace("-", "")).replace("-", "−")
+    return (text if float(text) != 0.0 else text.replace("-", "")).replace("-", MINUS)

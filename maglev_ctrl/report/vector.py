@@ -25,7 +25,7 @@ def svg(chart: Chart) -> str:
 
     figure = draw(chart)
     stream = io.StringIO()
-    with matplotlib.rc_context({**RC, "svg.hashsalt": chart.key}):  # type: ignore[arg-type]
+    with matplotlib.rc_context({**RC, "svg.hashsalt": chart.key}):
         figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
     text = _METADATA.sub("", _HEADER.sub("<svg", stream.getvalue(), count=1))
     text = _SPACES.sub("\n", _GROUP_ID.sub("<g", text))

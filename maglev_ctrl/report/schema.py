@@ -1,0 +1,68 @@
+"""JSON Schema (draft 2020-12) of report.json: what a program may rely on in every format 1 file."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+_NUMBER: Final = {
+    "anyOf": [{"type": "number"}, {"enum": ["NaN", "Infinity", "-Infinity"]}],
+    "description": "a finite number, or the word for one that is not finite",
+}
+_VERDICT: Final = {"enum": ["PASS", "FAIL", "NOT EVALUATED"]}
+
+
+def _quantity(words: str) -> dict[str, Any]:
+    return {
+        "type": "object",
+        "description": words,
+        "required": ["value", "unit"],
+        "properties": {"value": _NUMBER, "unit": {"type": "string"}},
+    }
+
+
+_REQUIREMENT: Final = {
+    "type": "object",
+    "required": ["name", "quantity", "description", "sense", "limit", "value", "verdict", "margin_percent", "worst_at",
+                 "method", "reason"],
+    "properties": {
+        "sense": {"enum": ["at_least", "at_most"]},
+        "limit": _quantity("the limit asked for"),
+        "value": _quantity("the value found; NaN when not evaluated"),
+        "margin_percent": _quantity("distance inside the limit, per cent of the limit"),
+        "verdict": _VERDICT,
+        "worst_at": {"type": "string", "description": "operating point that decides"},
+        "reason": {"type": "string", "description": "why it failed or could not be evaluated; empty for PASS"},
+    },
+}  # fmt: skip
+
+SCHEMA: Final[dict[str, Any]] = {
+    "$schema": "https://json-schema.org/draft/2020-12/schema",
+    "title": "maglev-ctrl comparison, format 1",
+    "description": "Quantities with a unit are {value, unit}; complex numbers and arrays are {re, im}; arrays are "
+    "nested lists in row order; fields that could not be computed are null and the record says why.",
+    "type": "object",
+    "required": ["format", "kind", "title", "verdict", "scenario_hash", "versions", "created", "options",
+                 "design_speed",
+                 "design_height"],
+    "properties": {
+        "format": {"const": 1},
+        "kind": {"const": "maglev-ctrl comparison"},
+        "verdict": _VERDICT,
+        "scenario_hash": {"type": "string"},
+        "scenario_text": {"type": "string"},
+        "versions": {"type": "array", "items": {"type": "array", "items": {"type": "string"}}},
+        "created": {"type": "string", "description": "ISO 8601, UTC"},
+        "design_speed": _quantity("design speed"),
+        "design_height": _quantity("levitation height at the design point"),
+        "options": {
+            "type": "array",
+            "items": {
+                "type": "object",
+                "required": ["name", "label", "kind", "verdict", "failure", "requirements", "modes", "margins",
+                             "floquet",
+                             "sweeps"],
+                "properties": {"verdict": _VERDICT, "requirements": {"type": "array", "items": _REQUIREMENT}},
+            },
+        },
+    },
+}  # fmt: skip
