@@ -136,20 +136,21 @@ def _margins(
     points = [_margin_point("design point", model, controller, design)]
     for one in sweeps:
         if one.parameter in MARGIN_SWEEPS:
-            for value in _margin_values(one):
+            for value in _margin_values(one, _design_values(model)[one.parameter]):
                 where = f"{one.parameter} {value * one.scale:.4g} {one.unit}"
                 points.append(_margin_point(where, model, controller, varied(design, one.parameter, value)))
     return tuple(points), root_locus(loops), nyquist_curves(loops.loop())
 
 
-def _margin_values(one: Sweep) -> list[float]:
+def _margin_values(one: Sweep, design: float) -> list[float]:
+    """The ends of what a sweep could evaluate and its least damped point; the design point has its own entry."""
     known = np.flatnonzero(np.isfinite(one.abscissa))
     if not known.size:
         return []
     values = {float(one.values[known[0]]), float(one.values[known[-1]])}
     if np.any(np.isfinite(one.least_damping)):
         values.add(float(one.values[int(np.nanargmin(one.least_damping))]))
-    return sorted(values)
+    return sorted(values - {design})
 
 
 def _margin_point(where: str, model: OptionModel, controller: Controller | None, situation: Situation) -> MarginPoint:

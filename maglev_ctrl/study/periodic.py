@@ -13,26 +13,41 @@ from maglev_ctrl.errors import ModelError, OutOfDomain
 from maglev_ctrl.guideway import passing_frequency
 from maglev_ctrl.scenario.scenario_schema import Periodic
 from maglev_ctrl.study.records import FloquetStudy
-from maglev_ctrl.study.situation import OptionModel, Situation
+from maglev_ctrl.study.situation import PADE_ORDER, OptionModel, Situation
 from maglev_ctrl.systems import Controller, PeriodicSystem, close_loop, modulate
-from maglev_ctrl.vehicle import Vehicle, linearize, stiffness_modulation
+from maglev_ctrl.vehicle import Actuator, Vehicle, linearize, stiffness_modulation
 
 BRACKET = 1e-3  # the deciding depth is checked this far (relative) on either side
+PROBES = 2  # where a map shows no instability, this many of its least stable speeds are checked on the full model
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Forcing:
-    """The option's periodic system at any speed, its modulation at unit depth."""
+    """The option's periodic system at any speed, its modulation at unit depth.
+
+    `slowed` is the vehicle the map is drawn for: a Pade form of a delay of milliseconds has poles a hundred times
+    faster than anything the guideway excites, and integrating them over a whole map would cost more than all the rest.
+    There each actuator has one lag with the same phase at low frequency. Every number that decides a requirement is
+    computed on the full model.
+    """
 
     model: OptionModel
     vehicle: Vehicle
+    slowed: Vehicle
     controller: Controller | None
     periodic: Periodic
 
-    def at(self, speed: float) -> PeriodicSystem:
+    @classmethod
+    def of(cls, model: OptionModel, controller: Controller | None, periodic: Periodic) -> _Forcing:
+        vehicle = model.vehicle()
+        slowed = replace(vehicle, actuators=tuple(_slowed(actuator) for actuator in vehicle.actuators))
+        return cls(model, vehicle, slowed, controller, periodic)
+
+    def at(self, speed: float, *, full: bool = True) -> PeriodicSystem:
+        """The periodic system at a speed, of the full model or of the one with slowed actuators."""
         situation = replace(Situation.of_design(self.model.scenario), speed=speed)
-        held, balanced = self.model.balance_of(self.vehicle, situation)
-        plant = linearize(held, balanced, pade_order=1)
+        held, balanced = self.model.balance_of(self.vehicle if full else self.slowed, situation)
+        plant = linearize(held, balanced, pade_order=PADE_ORDER)
         closed = plant if self.controller is None else close_loop(plant, self.controller)
         K_cos, K_sin = stiffness_modulation(
             held, balanced, wavelength=self.periodic.wavelength, harmonics=self.periodic.harmonics
@@ -51,9 +66,8 @@ def floquet_study(model: OptionModel, controller: Controller | None) -> FloquetS
     periodic = model.scenario.periodic
     if periodic is None:
         raise ModelError("the scenario describes no periodic forcing")
-    forcing = _Forcing(model, model.vehicle(), controller, periodic)
-    bare_model = OptionModel(model.scenario, None)
-    bare = _Forcing(bare_model, bare_model.vehicle(), None, periodic)
+    forcing = _Forcing.of(model, controller, periodic)
+    bare = _Forcing.of(OptionModel(model.scenario, None), None, periodic)
     speeds, systems = _over_speed(forcing)
     depths = np.linspace(periodic.map.depth.first, periodic.map.depth.last, periodic.map.depth.count)
     atlas = resonance_map(
@@ -143,7 +157,7 @@ def _over_speed(forcing: _Forcing) -> tuple[FloatArray, list[PeriodicSystem]]:
     reason = ""
     for speed in np.linspace(grid.first, grid.last, grid.count):
         try:
-            systems.append(forcing.at(float(speed)))
+            systems.append(forcing.at(float(speed), full=False))
         except (ModelError, OutOfDomain) as fault:
             reason = str(fault)
             continue
@@ -160,7 +174,8 @@ def _worst(forcing: _Forcing, atlas: ResonanceMap, curve: FloatArray) -> tuple[f
     order = int(np.argmin(depths))
     largest = float(atlas.depths[-1])
     if not np.isfinite(depths[order]):
-        return (float("nan") if np.any(atlas.unresolved) else float("inf")), float(atlas.parameter[0]), ""
+        calm = not np.any(atlas.unresolved) and _calm(forcing, atlas)
+        return (float("inf") if calm else float("nan")), float(atlas.parameter[0]), ""
     speed = float(speeds[order])
     decided = critical_depth(forcing.at(speed), depth_max=largest)
     if decided.unstable_at_zero:
@@ -168,6 +183,20 @@ def _worst(forcing: _Forcing, atlas: ResonanceMap, curve: FloatArray) -> tuple[f
     confirmed = _confirmed(forcing, speed, decided)
     name = decided.resonance.name if np.isfinite(decided.depth) else ""
     return (decided.depth if confirmed else float("nan")), speed, name
+
+
+def _calm(forcing: _Forcing, atlas: ResonanceMap) -> bool:
+    """Whether both engines find the full model stable at the largest depth, at the map's least stable speeds."""
+    least_stable = np.argsort(atlas.growth_rate[:, -1])[::-1][:PROBES]
+    largest = float(atlas.depths[-1])
+    found = (floquet(at_depth(forcing.at(float(atlas.parameter[k])), largest)) for k in least_stable)
+    return all(one.stable is True for one in found)
+
+
+def _slowed(actuator: Actuator) -> Actuator:
+    """The actuator with its delay and bandwidth merged into one lag of the same phase at low frequency."""
+    lag = actuator.delay + (1.0 / actuator.bandwidth if actuator.bandwidth else 0.0)
+    return actuator if lag == 0.0 else replace(actuator, delay=0.0, bandwidth=1.0 / lag)
 
 
 def _confirmed(forcing: _Forcing, speed: float, decided: CriticalDepth) -> bool:
