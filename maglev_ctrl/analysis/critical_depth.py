@@ -51,9 +51,7 @@ class CriticalDepthCurve:
     depth_max: float
 
 
-def critical_depth(
-    system: PeriodicSystem, *, depth_max: float, labels: tuple[str, ...] | None = None
-) -> CriticalDepth:
+def critical_depth(system: PeriodicSystem, *, depth_max: float, labels: tuple[str, ...] | None = None) -> CriticalDepth:
     """Smallest depth in 0..depth_max at which `system`, its modulation scaled by the depth, stops being stable.
 
     Parameters

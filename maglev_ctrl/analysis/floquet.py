@@ -150,9 +150,7 @@ def plan_for(
     tolerance: float = 1e-16, min_segments: int = 1,
 ) -> TaylorPlan:  # fmt: skip
     """Segments and order of the Taylor propagators for one system."""
-    norms = np.array([
-        depth * (np.linalg.norm(a, 2) + np.linalg.norm(b, 2)) for a, b in zip(A_cos, A_sin, strict=True)
-    ])
+    norms = np.array([depth * (np.linalg.norm(a, 2) + np.linalg.norm(b, 2)) for a, b in zip(A_cos, A_sin, strict=True)])
     return taylor_plan(
         float(np.linalg.norm(A_0, 2)), norms, frequency=frequency, tolerance=tolerance, min_segments=min_segments
     )

@@ -252,9 +252,7 @@ def _hill_difference(column: DepthSurrogate, depth: float, multiplier: complex) 
     return apart
 
 
-def _seen(
-    seed: SeededTongue, column: int, index: NDArray[np.int64], tongues: tuple[Resonance, ...]
-) -> SeededTongue:
+def _seen(seed: SeededTongue, column: int, index: NDArray[np.int64], tongues: tuple[Resonance, ...]) -> SeededTongue:
     """The seed with the verdict whether the columns on either side show a tongue of that name."""
     beside = np.unique(index[column : column + 2])
     shown = any(k >= 0 and tongues[k].name == seed.name for k in beside)

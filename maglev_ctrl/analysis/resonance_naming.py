@@ -58,9 +58,7 @@ def name_exponent(
     ...               modes=state_modes(A_0)).kind
     'none'
     """
-    participation, _ = exponent_participation(
-        A_0, A_cos, A_sin, frequency=frequency, exponent=exponent, modes=modes
-    )
+    participation, _ = exponent_participation(A_0, A_cos, A_sin, frequency=frequency, exponent=exponent, modes=modes)
     size = np.abs(participation)
     first, k_first = np.unravel_index(int(np.argmax(size)), size.shape)
     if modes.s[first].real > 1e-9 * abs(modes.s[first]):

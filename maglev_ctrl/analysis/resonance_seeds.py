@@ -130,6 +130,7 @@ class SeedInput:
 
     def at(self, column: int, fraction: float) -> tuple[FloatArray, FloatArray, FloatArray, float]:
         """Matrices and frequency between `column` and the next one."""
+
         def mix(values: FloatArray) -> FloatArray:
             return np.asarray((1.0 - fraction) * values[column] + fraction * values[column + 1])
 
@@ -198,6 +199,8 @@ def _evaluate(
         surrogate = depth_surrogate(*grid.at(column, moved)[:3], frequency=grid.at(column, moved)[3],
                                     depth_max=grid.depth_max)  # fmt: skip
         critical = critical_of(surrogate, states=states, labels=labels)
+        if critical.unstable_at_zero:
+            return None  # unstable anyway: there is no threshold to tell
         if critical.resonance.kind != "none" and critical.resonance.name != resonance.name:
             return None  # a wider tongue covers this place from a smaller depth on
         best = min(best, (critical.depth, moved))

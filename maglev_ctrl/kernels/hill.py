@@ -74,7 +74,7 @@ def hill_spectrum(
     A_0 : (n, n); A_cos, A_sin : (H, n, n), 1/s, scaled
     frequency : W, rad/s
     tolerance : change allowed, relative to max(W, |s|)
-    max_size : largest matrix tried; beyond it the result says `converged=False`
+    max_size : largest matrix tried (but room for one refinement); beyond it the result says `converged=False`
 
     Examples
     --------
@@ -85,8 +85,9 @@ def hill_spectrum(
     """
     n, H = A_0.shape[-1], len(A_cos)
     amplitude = sum(float(np.linalg.norm(a, 2) + np.linalg.norm(b, 2)) for a, b in zip(A_cos, A_sin, strict=True))
-    harmonics = H * (3 + int(np.ceil(min(2.0 * amplitude / frequency, 40.0) ** 0.5)))
+    harmonics = 2 * H + 1 + H * int(np.ceil(min(2.0 * amplitude / frequency, 40.0) ** 0.5))
     trace = float(np.trace(A_0))
+    max_size = max(max_size, 25 * n, n * (4 * harmonics + 1))  # room for one refinement at least
     last: HillSpectrum | None = None
     while n * (2 * harmonics + 1) <= max_size or last is None:
         matrix = hill_matrix(A_0, A_cos, A_sin, frequency=frequency, harmonics=harmonics)
@@ -99,7 +100,7 @@ def hill_spectrum(
                 return last
         elif last is None and n * (2 * harmonics + 1) > max_size:
             break
-        harmonics += H * max(2, harmonics // (3 * H))
+        harmonics += max(2, H, harmonics // 3)
     if last is not None:
         return last
     lost = np.full(n, np.inf)

@@ -64,9 +64,7 @@ def periodic_multipliers(factors: FloatArray, *, max_sweeps: int = 300) -> Perio
         sweeps += 1
         bounds = [0, *(i for i in range(1, n) if np.linalg.norm(turn[i:, :i]) < _CLOSED), n]
         logs = np.sum([np.log(np.abs(np.diag(R)) + 1e-300) for R in triangles], axis=0)
-        narrow = sweeps > 1 and all(
-            np.ptp(logs[a:b]) <= _SPREAD for a, b in itertools.pairwise(bounds)
-        )
+        narrow = sweeps > 1 and all(np.ptp(logs[a:b]) <= _SPREAD for a, b in itertools.pairwise(bounds))
     found: list[ComplexArray] = []
     errors: list[FloatArray] = []
     rounding = 4.0 * np.finfo(float).eps * np.sqrt(len(F)) * n

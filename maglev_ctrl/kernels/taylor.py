@@ -203,6 +203,4 @@ def monodromy_over_depths(
     A_0: FloatArray, A_cos: FloatArray, A_sin: FloatArray, *, frequency: float, depths: FloatArray, plan: TaylorPlan
 ) -> FloatArray:
     """Propagator over one period for each depth: (D, n, n)."""
-    return tree_product(
-        propagators_over_depths(A_0, A_cos, A_sin, frequency=frequency, depths=depths, plan=plan)
-    )
+    return tree_product(propagators_over_depths(A_0, A_cos, A_sin, frequency=frequency, depths=depths, plan=plan))

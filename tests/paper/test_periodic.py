@@ -61,6 +61,7 @@ def test_mathieu_characteristic_values(order: int, q: float, value: float) -> No
 
 def test_mathieu_limits_in_frequency() -> None:
     """q'' + (1 + 0.1 cos W t) q = 0: exact limits of the principal region; Hsu's 2 -+ eta/2 is 3e-4 off."""
+
     def edge(W: float) -> float:
         system = PeriodicSystem.from_matrices([[0, 1], [-1, 0]], [[[0, 0], [-0.1, 0]]], frequency=W)
         return trace(system) + 2.0
@@ -71,12 +72,11 @@ def test_mathieu_limits_in_frequency() -> None:
 
 def meissner_trace(delta: float, eps: float, damping: float = 0.0) -> float:
     """y'' + c y' + [delta + eps sgn(cos t)] y = 0 over 2 pi by exact propagators."""
+
     def A(k: float) -> list[list[float]]:
         return [[0.0, 1.0], [-k, -damping]]
 
-    factors = piecewise_propagators(
-        [A(delta + eps), A(delta - eps), A(delta + eps)], [0.5 * np.pi, np.pi, 0.5 * np.pi]
-    )
+    factors = piecewise_propagators([A(delta + eps), A(delta - eps), A(delta + eps)], [0.5 * np.pi, np.pi, 0.5 * np.pi])
     return float(np.trace(tree_product(factors)))
 
 
@@ -100,9 +100,7 @@ def test_meissner_limits(eps: float, lower: float, upper: float) -> None:
 @pytest.mark.parametrize(("delta", "eps", "c"), [(0.25, 0.1, 0.03), (0.6, 0.2, 0.1), (0.1, 0.2, 0.05)])
 def test_damped_meissner_closed_form(delta: float, eps: float, c: float) -> None:
     p1, p2 = (np.sqrt(complex(delta + sign * eps - c * c / 4)) for sign in (1.0, -1.0))
-    closed = 2 * np.cos(np.pi * p1) * np.cos(np.pi * p2) - (p1 / p2 + p2 / p1) * np.sin(np.pi * p1) * np.sin(
-        np.pi * p2
-    )
+    closed = 2 * np.cos(np.pi * p1) * np.cos(np.pi * p2) - (p1 / p2 + p2 / p1) * np.sin(np.pi * p1) * np.sin(np.pi * p2)
     assert meissner_trace(delta, eps, c) == pytest.approx(float(closed.real) * np.exp(-np.pi * c), rel=1e-10)
 
 

@@ -129,6 +129,23 @@ def test_constant_system_is_its_own_eigenvalues() -> None:
     assert result.stable is True
 
 
+def test_four_harmonics_with_phases_and_a_stiff_pole() -> None:
+    """Joint-like modulation: harmonics 1, 1/2, 1/3, 1/4 in both phases on two modes with an actuator pole at -125."""
+    A = np.zeros((5, 5))
+    A[:2, 2:4] = np.eye(2)
+    A[2:4, :2] = -np.diag([64.0, 100.0])
+    A[2:4, 2:4] = -0.1 * np.eye(2)
+    A[4, 4], A[2:4, 4], A[4, 2:4] = -125.0, 3.0, 1.0
+    shape = np.zeros((5, 5))
+    shape[2:4, :2] = [[12.0, 4.0], [-3.0, 20.0]]
+    cosine = np.array([shape / k for k in (1, 2, 3, 4)])
+    sine = np.array([0.5 * shape / k**2 for k in (1, 2, 3, 4)])
+    for W in (4.0, 16.2, 40.0):
+        result = floquet(PeriodicSystem.from_matrices(A, cosine, sine, frequency=W))
+        assert result.agreement is Agreement.AGREED
+        assert np.sum(result.exponents.real) == pytest.approx(np.trace(A), rel=1e-10)
+
+
 def test_batches_are_refused() -> None:
     system = PeriodicSystem.from_matrices(np.zeros((3, 2, 2)), np.zeros((3, 1, 2, 2)), frequency=np.ones(3))
     with pytest.raises(ValueError, match="system: expected one periodic system"):

@@ -168,6 +168,7 @@ def test_unstable_without_modulation_is_unstable_everywhere_and_unnamed() -> Non
     found = resonance_map(A_0, A_1, A_2, W, np.linspace(0.0, 0.05, 4), parameter=W)
     assert np.all(found.unstable)
     assert [t.kind for t in found.tongues] == ["none"]
+    assert found.seeded == ()
 
 
 def test_undamped_system_is_not_called_unstable_by_rounding() -> None:
