@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -18,8 +18,3 @@ class Record(BaseModel):
     """A frozen record that refuses unknown keys and never guesses a type."""
 
     model_config = ConfigDict(strict=True, frozen=True, extra="forbid", allow_inf_nan=False, validate_by_name=False)
-
-
-def described(text: str, **constraints: Any) -> Any:
-    """A required field with its description, which the JSON Schema and the starter file repeat."""
-    return Field(description=text, **constraints)

@@ -183,4 +183,3 @@ def _design_values(model: OptionModel) -> dict[str, float]:
         "payload": model.scenario.vehicle.car.payload,
     }
     return values if operating.gap is None else {**values, "gap": operating.gap}
-

@@ -78,6 +78,12 @@ def _scope(requirement: RequirementRecord) -> str:
         return "from the design point"
     if requirement.quantity in ("modulation_ratio", "modulation_depth"):
         return "over the map's speeds"
+    if requirement.quantity in ("gain_margin", "phase_margin", "delay_margin", "disk_margin"):
+        return (
+            "at the design point"
+            if requirement.over == "nominal"
+            else "worst of the design point and the ends of the speed and payload sweeps"
+        )
     return "at the design point" if requirement.over == "nominal" else f"worst over the {requirement.over} sweep"
 
 

@@ -1,4 +1,4 @@
-"""Fixtures of the unit tests: a small two-stage scenario, quick to run, with a baseline, a passive and an active option."""
+"""Fixtures of the unit tests: a small two-stage scenario, quick to run, with an option of every sort."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from maglev_ctrl.analysis.modes import modes
-from maglev_ctrl.errors import Agreement, Verdict
+from maglev_ctrl.errors import Agreement, ModelError, ScenarioError, Verdict
 from maglev_ctrl.scenario import Scenario
 from maglev_ctrl.study import Comparison, OptionStudy, run
 
@@ -50,7 +50,7 @@ def test_the_bare_vehicle_fails_because_of_its_magnets(comparison: Comparison) -
 
 
 def test_growth_of_the_bare_vehicle_is_the_receding_image_damping(comparison: Comparison) -> None:
-    """Two-mass model by hand: K_1 = mg/z0, damping -F w (v^2 - w^2)/(v^2 + w^2)^2 at the bogie, F = mg (v^2+w^2)/v^2."""
+    """Two masses by hand: K_1 = mg/z0, damping -F w (v^2-w^2)/(v^2+w^2)^2 at the bogie, F = mg (v^2+w^2)/v^2."""
     w = 2.0 / (4e-7 * np.pi * 2.5e7 * 0.02)
     v, weight = 300.0 / 3.6, 13e3 * GRAVITY
     damping = -weight * (v**2 + w**2) / v**2 * w * (v**2 - w**2) / (v**2 + w**2) ** 2
@@ -125,12 +125,27 @@ def test_two_processes_give_what_one_gives(comparison: Comparison, small_scenari
         )  # bit for bit, NaN included
 
 
-def test_an_option_that_cannot_be_studied_keeps_its_requirements(small_scenario: Read, small_text: str) -> None:
-    # an accelerometer alone cannot tell the LQG filter where the weightless stroke is: whatever comes out, nothing is lost
-    text = small_text.replace('{ actuator = "cylinder", value = "5 kN" },', '{ actuator = "cylinder", value = "5e-9 N" },')
-    study = option(run(small_scenario(text)), "active")
-    assert len(study.requirements) == 6
-    assert study.verdict is not None
+def test_an_option_that_cannot_be_studied_keeps_its_requirements(
+    small_scenario: Read, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise ModelError("the car stands on nothing")
+
+    monkeypatch.setattr("maglev_ctrl.study.option.design_law", refuse)
+    study = option(run(small_scenario()), "active")
+    assert study.failure == "the car stands on nothing"
+    assert study.verdict is Verdict.NOT_EVALUATED
+    assert [r.reason for r in study.requirements] == ["the car stands on nothing"] * 6
+
+
+def test_a_requirement_without_its_sweep_is_not_evaluated(small_scenario: Read, small_text: str) -> None:
+    text = small_text.replace('quantity = "damping_ratio"', 'quantity = "damping_ratio"\nover = "height"')
+    try:
+        study = option(run(small_scenario(text)), "damper")
+    except ScenarioError as fault:
+        assert "height" in str(fault)  # refused at the border, where it can be mended
+    else:
+        assert verdict(study, "damping") is Verdict.NOT_EVALUATED
 
 
 def test_jobs_below_one_are_refused(small_scenario: Read) -> None:
