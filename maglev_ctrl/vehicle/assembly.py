@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag
 
-from maglev_ctrl.arrays import FloatArray, read_only
+from maglev_ctrl.arrays import FloatArray, read_only, transpose
 from maglev_ctrl.errors import ModelError
 from maglev_ctrl.systems import Contribution, SecondOrderSystem
-from maglev_ctrl.vehicle.kinematics import Poses, poses
+from maglev_ctrl.vehicle.kinematics import Stance, stance
 from maglev_ctrl.vehicle.loads import MagnetField, magnet_field
 from maglev_ctrl.vehicle.operating import Equilibrium, OperatingPoint
-from maglev_ctrl.vehicle.outputs import coordinate_rows, link_rows, magnet_rows, sensor_rows
 from maglev_ctrl.vehicle.shares import (
     Share,
-    actuator_share,
-    aerodynamic_shares,
-    body_shares,
+    aerodynamic_damping,
     coefficient_share,
-    geometry_share,
-    guideway_inputs,
-    magnet_shares,
-    spring_damper_share,
+    magnet_damping,
+    magnet_stiffness,
+    turning_stiffness,
 )
+from maglev_ctrl.vehicle.skeleton import Skeleton, skeleton
 from maglev_ctrl.vehicle.statics import equilibrium
 from maglev_ctrl.vehicle.vehicle import Vehicle
 
@@ -57,45 +54,40 @@ def linearize(vehicle: Vehicle, at: Equilibrium | OperatingPoint, *, pade_order:
     """
     state = at if isinstance(at, Equilibrium) else equilibrium(vehicle, at)
     _check_fits(vehicle, state)
-    n = len(vehicle.dofs)
-    found = poses(vehicle, state.displacement)
-    fields = magnet_field(vehicle, state.posture, found)
-    shares = _shares(vehicle, state, found, fields, pade_order=pade_order)
-    M, C, K = (np.sum([getattr(share, key) for share in shares], axis=0) for key in ("M", "C", "K"))
+    here = stance(vehicle, state.displacement)
+    fields = magnet_field(vehicle, state.posture, here)
+    measured = [coefficient_share(e, vehicle, speed=state.at.speed) for e in vehicle.coefficient_elements]
+    felt = tuple(name for share in measured for name in share.K_w)
+    base = skeleton(vehicle, here, pade_order=pade_order, felt=felt)
+    shares = _filled(vehicle, state, here, fields, base=base, measured=measured)
+    M, C, K = (np.sum(stack, axis=0) for stack in (shares.M, shares.C, shares.K))
     _check_mass(M)
-    rows = [
-        *sensor_rows(vehicle, found),
-        *magnet_rows(vehicle, fields),
-        *(row for link in vehicle.links for row in link_rows(link, found, n)),
-    ]
-    internal = tuple(name for share in shares for name in share.internal)
-    inputs = tuple(name for share in shares for name in share.inputs)
-    guideway = _guideway_names(vehicle, shares)
-    still = [not np.any(K[:, i]) and not any(row.H_q[i] for row in rows) for i in range(n)]
-    ignorable = tuple(name for name, ignored in zip(vehicle.dofs, still, strict=True) if ignored)
-    rows += coordinate_rows(vehicle.dofs, ignorable)
+    K_w, C_w = _guideway_matrices(fields, measured, base)
+    free = ~(np.any(K, axis=0) | base.read)
+    ignorable = tuple(name for name, ignored in zip(vehicle.dofs, free, strict=True) if ignored)
+    outputs = base.outputs.without(ignorable)
     return SecondOrderSystem.from_matrices(
         M, C, K,
         dofs=vehicle.dofs,
-        internal=internal,
-        A_internal=_stacked([share.A_internal for share in shares]),
-        G_v=np.vstack([share.G_v for share in shares]),
-        F=np.hstack([share.F for share in shares]),
-        inputs=inputs,
-        B=np.hstack([share.B for share in shares]),
-        B_internal=_stacked([_full_inputs(share) for share in shares]),
-        guideway=guideway,
-        K_w=_guideway_columns([share.K_w for share in shares], guideway, n),
-        C_w=_guideway_columns([share.C_w for share in shares], guideway, n),
-        G_wv=_guideway_rows(shares, guideway),
-        outputs=tuple(row.name for row in rows),
-        H_q=np.stack([row.H_q for row in rows]),
-        H_v=np.stack([row.H_v for row in rows]),
-        H_a=np.stack([row.H_a for row in rows]),
-        H_internal=_weights([row.internal for row in rows], internal),
-        H_w=_weights([row.guideway for row in rows], guideway),
-        H_wv=_weights([row.guideway_rate for row in rows], guideway),
-        contributions=_contributions(shares, len(internal)),
+        internal=base.internal,
+        A_internal=base.A_internal,
+        G_v=base.G_v,
+        F=np.sum(base.F, axis=0),
+        inputs=base.inputs,
+        B=base.B,
+        B_internal=base.B_internal,
+        guideway=base.guideway,
+        K_w=K_w,
+        C_w=C_w,
+        G_wv=base.G_wv,
+        outputs=outputs.names,
+        H_q=outputs.H_q,
+        H_v=outputs.H_v,
+        H_a=outputs.H_a,
+        H_internal=outputs.H_internal,
+        H_w=outputs.H_w,
+        H_wv=outputs.H_wv,
+        contributions=_contributions(base, shares),
         ignorable=ignorable,
     )  # fmt: skip
 
@@ -125,12 +117,12 @@ def stiffness_modulation(
         raise ValueError(f"wavelength: expected a positive length, got {wavelength}")
     state = at if isinstance(at, Equilibrium) else equilibrium(vehicle, at)
     _check_fits(vehicle, state)
-    n, orders = len(vehicle.dofs), np.arange(1, len(harmonics) + 1)
-    found = poses(vehicle, state.displacement)
+    orders = np.arange(1, len(harmonics) + 1)
+    fields = magnet_field(vehicle, state.posture, stance(vehicle, state.displacement))
     stations = [magnet.position[0] for magnet in vehicle.magnets]
     stations += [vehicle.body(element.body).position[0] for element in vehicle.coefficient_elements]
-    shares = [share.K for share in _magnetic_shares(vehicle, state, found, magnet_field(vehicle, state.posture, found))]
-    K = np.stack(shares) if shares else np.zeros((0, n, n))
+    measured = [coefficient_share(e, vehicle, speed=state.at.speed).K for e in vehicle.coefficient_elements]
+    K = np.concatenate([magnet_stiffness(fields), np.array(measured).reshape(-1, *fields.motion.shape[2:] * 2)])
     phase = 2.0 * np.pi * orders[:, None] * np.asarray(stations) / wavelength
     amplitude = np.asarray(harmonics, dtype=np.float64)[:, None]
     K_cos = np.einsum("hm,mij->hij", amplitude * np.cos(phase), K)
@@ -138,26 +130,42 @@ def stiffness_modulation(
     return read_only(K_cos, name="K_cos"), read_only(K_sin, name="K_sin")
 
 
-def _magnetic_shares(vehicle: Vehicle, state: Equilibrium, found: Poses, fields: MagnetField) -> list[Share]:
-    n = len(vehicle.dofs)
-    return [
-        *magnet_shares(vehicle, fields, n),
-        *(coefficient_share(e, found, speed=state.at.speed, size=n) for e in vehicle.coefficient_elements),
-    ]
+@dataclass(frozen=True, eq=False, slots=True)
+class _Shares:
+    """M, C, K (e, n, n) of every element."""
+
+    M: FloatArray
+    C: FloatArray
+    K: FloatArray
 
 
-def _shares(vehicle: Vehicle, state: Equilibrium, found: Poses, fields: MagnetField, *, pade_order: int) -> list[Share]:
-    n = len(vehicle.dofs)
-    shares = [
-        *body_shares(found, n),
-        *_magnetic_shares(vehicle, state, found, fields),
-        *(spring_damper_share(e, found, n) for e in vehicle.connections),
-        *(actuator_share(e, found, pade_order=pade_order, size=n) for e in vehicle.actuators),
-        *aerodynamic_shares(vehicle, state.posture, found, n),
-    ]
+def _filled(
+    vehicle: Vehicle, state: Equilibrium, here: Stance, fields: MagnetField, *, base: Skeleton, measured: list[Share]
+) -> _Shares:
+    """The skeleton's shares with everything that depends on the operating point put in."""
+    M, C, K = base.M.copy(), base.C.copy(), base.K.copy()
+    K[base.magnets], C[base.magnets] = magnet_stiffness(fields), magnet_damping(fields)
+    for i, share in enumerate(measured, base.coefficients.start):
+        M[i], C[i], K[i] = share.M, share.C, share.K
+    C[base.air] = aerodynamic_damping(vehicle, state.posture, here)[base.draggers]
     if vehicle.geometric_stiffness:
-        shares.append(geometry_share(vehicle, state.posture, found, fields))
-    return shares
+        K[base.geometry] = turning_stiffness(vehicle, state.posture, here, fields)
+    return _Shares(M, C, K)
+
+
+def _guideway_matrices(fields: MagnetField, measured: list[Share], base: Skeleton) -> tuple[FloatArray, FloatArray]:
+    """K_w and C_w: what the guideway's displacement and its rate push, magnets and measured coefficients put in."""
+    K_w, C_w = base.K_w.copy(), base.C_w.copy()
+    turned = transpose(fields.jacobian)
+    for total, slope in ((K_w, fields.by_position), (C_w, fields.by_velocity)):
+        push = -turned @ slope
+        total[:, base.heave_columns] = push[:, :, 2].T
+        total[:, base.sway_columns] = push[base.walled, :, 1].T
+    for share in measured:
+        for name in share.K_w:
+            K_w[:, base.guideway.index(name)] += share.K_w[name]
+            C_w[:, base.guideway.index(name)] += share.C_w[name]
+    return K_w, C_w
 
 
 def _check_fits(vehicle: Vehicle, state: Equilibrium) -> None:
@@ -177,55 +185,10 @@ def _check_mass(M: FloatArray) -> None:
         )
 
 
-def _guideway_names(vehicle: Vehicle, shares: list[Share]) -> tuple[str, ...]:
-    names = {name: None for share in shares for name in (*share.K_w, *share.C_w, *share.G_wv)}
-    for link in vehicle.links:
-        names |= dict.fromkeys(guideway_inputs(link.name, link.to, link.direction, angular=link.angular))
-    for sensor in vehicle.sensors:
-        names |= dict.fromkeys(guideway_inputs(sensor.name, sensor.to, sensor.direction, angular=sensor.angular))
-    return tuple(names)
-
-
-def _stacked(blocks: list[FloatArray]) -> FloatArray:
-    """Blocks down the diagonal; empty ones keep their rows or columns."""
-    return np.asarray(block_diag(*blocks), dtype=np.float64)
-
-
-def _full_inputs(share: Share) -> FloatArray:
-    return share.B_internal if share.B_internal.size else np.zeros((len(share.internal), len(share.inputs)))
-
-
-def _guideway_columns(parts: list[dict[str, FloatArray]], names: tuple[str, ...], rows: int) -> FloatArray:
-    total = np.zeros((rows, len(names)))
-    for part in parts:
-        for name, column in part.items():
-            total[:, names.index(name)] += column
-    return total
-
-
-def _guideway_rows(shares: list[Share], names: tuple[str, ...]) -> FloatArray:
-    return np.vstack([_guideway_columns([share.G_wv], names, len(share.internal)) for share in shares])
-
-
-def _weights(parts: list[dict[str, float]], names: tuple[str, ...]) -> FloatArray:
-    total = np.zeros((len(parts), len(names)))
-    for i, part in enumerate(parts):
-        for name, weight in part.items():
-            total[i, names.index(name)] = weight
-    return total
-
-
-def _contributions(shares: list[Share], n_internal: int) -> tuple[Contribution, ...]:
-    contributions, start = [], 0
-    for share in shares:
-        F = np.zeros((share.size, n_internal))
-        F[:, start : start + len(share.internal)] = share.F
-        start += len(share.internal)
-        contributions.append(
-            Contribution(
-                share.name, share.kind,
-                M=read_only(share.M, name="M"), C=read_only(share.C, name="C"),
-                K=read_only(share.K, name="K"), F=read_only(F, name="F"),
-            )
-        )  # fmt: skip
-    return tuple(contributions)
+def _contributions(base: Skeleton, shares: _Shares) -> tuple[Contribution, ...]:
+    # One check of each stack is a check of every share; what is cut out of a read-only stack is read-only.
+    M, C, K = (read_only(getattr(shares, key), name=key) for key in ("M", "C", "K"))
+    return tuple(
+        Contribution(name, kind, M=M[i], C=C[i], K=K[i], F=base.F[i])
+        for i, (name, kind) in enumerate(zip(base.names, base.kinds, strict=True))
+    )

@@ -1,4 +1,4 @@
-"""Where points of a vehicle are and how they move: poses of the bodies and Jacobians of points.
+"""Where points of a vehicle are and how they move: its stance, with the Jacobians of all its points.
 
 Coordinates are increments from a posture: translations of the centre of mass along the axes and small rotations
 about the space axes. A posture itself may be turned by finite angles (its displacement holds rotation vectors), and
@@ -9,45 +9,42 @@ about any posture.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from maglev_ctrl.arrays import FloatArray
-from maglev_ctrl.vehicle.elements import DOF_NAMES, GUIDEWAY, Body, Vector
+from maglev_ctrl.arrays import FloatArray, read_only_any, transpose
+from maglev_ctrl.vehicle.structure import KEPT, structure
 from maglev_ctrl.vehicle.vehicle import Vehicle
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Pose:
-    """Where a body is: translation (3,) m, rotation (3, 3), its coordinates' columns and the axes they move."""
+class Stance:
+    """A vehicle at one posture; points are those of its `Structure`.
 
-    body: Body
-    columns: tuple[int, ...]
-    axes: tuple[int, ...]
-    translation: FloatArray
+    `displacement` (n,) m and rad; `rotation` (b, 3, 3) of the bodies; `lever` (k, 3) m from the centre of mass to each
+    point, as turned; `shift` (k, 3) m of each point from the level posture; `jacobian` (k, 3, n);
+    `magnet_shift` (m, 3) and `magnet_motion` (m, 3, n): the magnets' own, whose lateral parts ignore roll in the
+    paper's kinematics; `stroke` (t, n) rows d stroke / d q of links, then sensors.
+    """
+
+    displacement: FloatArray
     rotation: FloatArray
-    yaw: float
-    """Sum of the yaw angles; only the paper's lateral kinematics asks for it."""
+    lever: FloatArray
+    shift: FloatArray
+    jacobian: FloatArray
+    magnet_shift: FloatArray
+    magnet_motion: FloatArray
+    stroke: FloatArray
 
-    def lever(self, point: Vector) -> FloatArray:
-        """From the centre of mass to a point given in the vehicle frame, as turned; (3,) m."""
-        return self.rotation @ self.arm(point)
-
-    def arm(self, point: Vector) -> FloatArray:
-        """From the centre of mass to a point before turning; (3,) m."""
-        return np.subtract(point, self.body.position)
-
-    def shift(self, point: Vector) -> FloatArray:
-        """Displacement of a point from the reference posture; (3,) m."""
-        arm = self.arm(point)
-        return self.translation + self.rotation @ arm - arm
+    @property
+    def level(self) -> bool:
+        """Whether it is the reference posture."""
+        return not self.displacement.any()
 
 
-Poses = dict[str, Pose]
-
-
-def poses(vehicle: Vehicle, displacement: FloatArray, increment: FloatArray | None = None) -> Poses:
-    """Poses of every body at a posture, moved on by an increment of the coordinates.
+def stance(vehicle: Vehicle, displacement: FloatArray, increment: FloatArray | None = None) -> Stance:
+    """The vehicle at a posture, moved on by an increment of the coordinates.
 
     Parameters
     ----------
@@ -56,24 +53,70 @@ def poses(vehicle: Vehicle, displacement: FloatArray, increment: FloatArray | No
 
     Examples
     --------
+    >>> from maglev_ctrl.vehicle.elements import Body
     >>> car = Body("car", 1.0, dofs=("heave",))
     >>> shuttle = Vehicle("shuttle", bodies=(car,), reference_height=0.1)
-    >>> poses(shuttle, np.array([0.02]))["car"].translation.tolist()
+    >>> stance(shuttle, np.array([0.02])).shift[0].tolist()
     [0.0, 0.0, 0.02]
     """
-    found: Poses = {}
-    start = 0
-    for body in vehicle.bodies:
-        axes = tuple(DOF_NAMES.index(dof) for dof in body.dofs)
-        columns = tuple(range(start, start + len(axes)))
-        start += len(axes)
-        posture, step = np.zeros(6), np.zeros(6)
-        posture[list(axes)] = displacement[list(columns)]
-        if increment is not None:
-            step[list(axes)] = increment[list(columns)]
-        turned = rotation_matrix(step[3:]) @ rotation_matrix(posture[3:])
-        found[body.name] = Pose(body, columns, axes, posture[:3] + step[:3], turned, float(posture[5] + step[5]))
-    return found
+    if increment is None:
+        return _moved(vehicle, displacement) if displacement.any() else level_stance(vehicle)
+    return _moved(vehicle, displacement, increment)
+
+
+@lru_cache(maxsize=KEPT)
+def level_stance(vehicle: Vehicle) -> Stance:
+    """The vehicle in its reference posture; remembered, because most operating points are met in it."""
+    return _moved(vehicle, np.zeros(len(vehicle.dofs)))
+
+
+def _moved(vehicle: Vehicle, displacement: FloatArray, increment: FloatArray | None = None) -> Stance:
+    known = structure(vehicle)
+    posture = known.spread @ displacement
+    step = np.zeros_like(posture) if increment is None else known.spread @ increment
+    rotation = np.stack([rotation_matrix(s[3:]) @ rotation_matrix(p[3:]) for s, p in zip(step, posture, strict=True)])
+    moved = (posture + step)[known.point_body]
+    lever = (rotation[known.point_body] @ known.arm[:, :, None])[..., 0]
+    shift = moved[:, :3] + lever - known.arm
+    jacobian = rigid_motion(lever) @ known.pointwise
+    magnet_shift, magnet_motion = shift[known.magnets], jacobian[known.magnets]
+    if vehicle.kinematics == "paper":
+        # Eq. 43: a lateral displacement that ignores roll.
+        ahead = known.arm[known.magnets, 0]
+        magnet_shift, magnet_motion = magnet_shift.copy(), magnet_motion.copy()
+        magnet_shift[:, 1] = moved[known.magnets, 1] + moved[known.magnets, 5] * ahead
+        sway, yaw = known.pointwise[known.magnets, 1], known.pointwise[known.magnets, 5]
+        magnet_motion[:, 1] = sway + ahead[:, None] * yaw
+    motion = np.where(known.angular[:, None, None], known.pointwise[known.own_ends, 3:], jacobian[known.own_ends])
+    far = np.where(known.angular[:, None, None], known.pointwise[known.far_ends, 3:], jacobian[known.far_ends])
+    relative = motion - known.apart[:, None, None] * far
+    stroke = (known.direction[:, None, :] @ relative)[:, 0]
+    return Stance(
+        *(
+            read_only_any(part)
+            for part in (displacement, rotation, lever, shift, jacobian, magnet_shift, magnet_motion, stroke)
+        )
+    )
+
+
+def stroke_between(vehicle: Vehicle, start: Stance, now: Stance, step: FloatArray) -> FloatArray:
+    """Strokes of all links between two stances that are `step` (n,) apart; (l,) m, rad when angular."""
+    known = structure(vehicle)
+    links = len(known.links)
+    travel = now.shift - start.shift
+    relative = travel[known.own_ends] - known.apart[:, None] * travel[known.far_ends]
+    along = np.einsum("ti,ti->t", known.direction, relative)[:links]
+    return np.where(known.angular[:links], start.stroke[:links] @ step, along)
+
+
+def geometric_stiffness(vehicle: Vehicle, at: Stance, force: FloatArray) -> FloatArray:
+    """K_geo = -(r F^T - (r . F) I) of forces (k, 3) with space-fixed directions at turning points; (n, n)."""
+    known = structure(vehicle)
+    work = np.einsum("ki,ki->k", at.lever, force)
+    local = work[:, None, None] * np.eye(3) - at.lever[:, :, None] * force[:, None, :]
+    by_body = (known.on_body @ local.reshape(-1, 9)).reshape(-1, 3, 3)
+    turns = known.spread[:, 3:]
+    return np.asarray(np.sum(transpose(turns) @ by_body @ turns, axis=0))
 
 
 def rotation_matrix(vector: FloatArray) -> FloatArray:
@@ -100,60 +143,12 @@ def skew(vector: FloatArray) -> FloatArray:
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
-def point_jacobian(pose: Pose, point: Vector, *, size: int) -> FloatArray:
-    """J = [I, -[r]x] of a point over all `size` coordinates (Sec. 2.3 of the theory); (3, size)."""
-    return _spread(pose, _rigid_motion(pose.lever(point)), size)
-
-
-def paper_jacobian(pose: Pose, point: Vector, *, size: int) -> FloatArray:
-    """The same with a lateral displacement that ignores roll, as the paper's Eq. 43; (3, size)."""
-    local = _rigid_motion(pose.lever(point))
-    local[1] = [0.0, 1.0, 0.0, 0.0, 0.0, pose.arm(point)[0]]
-    return _spread(pose, local, size)
-
-
-def paper_sway(pose: Pose, point: Vector) -> float:
-    """Lateral displacement that ignores roll, m."""
-    return float(pose.translation[1] + pose.yaw * pose.arm(point)[0])
-
-
-def rotation_jacobian(pose: Pose, *, size: int) -> FloatArray:
-    """Rotation of a body over all coordinates; (3, size)."""
-    return _spread(pose, np.hstack([np.zeros((3, 3)), np.eye(3)]), size)
-
-
-def stroke_row(
-    found: Poses, body: str, to: str | None, *, position: Vector, direction: Vector, angular: bool, size: int
-) -> FloatArray:
-    """Row d stroke / d q of an element between two bodies, or a body and the guideway; (size,)."""
-
-    def row(name: str) -> FloatArray:
-        pose = found[name]
-        local = rotation_jacobian(pose, size=size) if angular else point_jacobian(pose, position, size=size)
-        return np.asarray(direction) @ local
-
-    own = row(body)
-    return own if to is None or to == GUIDEWAY else own - row(to)
-
-
-def geometric_stiffness(pose: Pose, lever: FloatArray, force: FloatArray, *, size: int) -> FloatArray:
-    """K_geo = -(r F^T - (r . F) I) of a force with a space-fixed direction at a turning point; (size, size)."""
-    local = np.zeros((6, 6))
-    local[3:, 3:] = -(np.outer(lever, force) - float(lever @ force) * np.eye(3))
-    total = np.zeros((size, size))
-    total[np.ix_(pose.columns, pose.columns)] = local[np.ix_(pose.axes, pose.axes)]
-    return total
-
-
-def _rigid_motion(lever: FloatArray) -> FloatArray:
-    """[I, -[r]x]; (3, 6)."""
-    x, y, z = lever
-    return np.array([[1.0, 0.0, 0.0, 0.0, z, -y], [0.0, 1.0, 0.0, -z, 0.0, x], [0.0, 0.0, 1.0, y, -x, 0.0]])
-
-
-def _spread(pose: Pose, local: FloatArray, size: int) -> FloatArray:
-    total = np.zeros((3, size))
-    # A body's columns stand side by side.
-    start = pose.columns[0] if pose.columns else 0
-    total[:, start : start + len(pose.columns)] = local[:, pose.axes]
-    return total
+def rigid_motion(lever: FloatArray) -> FloatArray:
+    """J = [I, -[r]x] of points at levers (k, 3) over their bodies' six freedoms (Sec. 2.3); (k, 3, 6)."""
+    found = np.zeros((len(lever), 3, 6))
+    x, y, z = lever.T
+    found[:, 0, 0] = found[:, 1, 1] = found[:, 2, 2] = 1.0
+    found[:, 0, 4], found[:, 0, 5] = z, -y
+    found[:, 1, 3], found[:, 1, 5] = -z, x
+    found[:, 2, 3], found[:, 2, 4] = y, -x
+    return found

@@ -8,17 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from maglev_ctrl.arrays import FloatArray
-from maglev_ctrl.forces.base import AbstractForceModel
-from maglev_ctrl.vehicle.elements import Actuator, Aerodynamics, Magnet, SpringDamper, Vector
-from maglev_ctrl.vehicle.kinematics import (
-    Poses,
-    paper_jacobian,
-    paper_sway,
-    point_jacobian,
-    poses,
-    stroke_row,
-)
+from maglev_ctrl.vehicle.kinematics import Stance, stance, stroke_between
 from maglev_ctrl.vehicle.operating import Equilibrium, Posture
+from maglev_ctrl.vehicle.structure import Structure, structure
 from maglev_ctrl.vehicle.vehicle import Vehicle
 
 
@@ -46,13 +38,13 @@ class MagnetField:
 
 
 def magnet_field(
-    vehicle: Vehicle, posture: Posture, found: Poses, *, rates: FloatArray | None = None, partials: bool = True
+    vehicle: Vehicle, posture: Posture, here: Stance, *, rates: FloatArray | None = None, partials: bool = True
 ) -> MagnetField:
     """Every magnet's force and partials at a posture.
 
     Parameters
     ----------
-    found : poses of the bodies
+    here : the vehicle's stance
     rates : (n,) coordinate velocities; they change the speed over the guideway
     partials : whether to find the partials too (zero otherwise)
 
@@ -60,72 +52,65 @@ def magnet_field(
     ------
     OutOfDomain : a magnet outside its force model's data
     """
-    n, m = len(vehicle.dofs), len(vehicle.magnets)
-    jacobian, motion = np.zeros((m, 3, n)), np.zeros((m, 3, n))
-    heights, gaps = np.zeros(m), np.full(m, np.nan)
-    for i, magnet in enumerate(vehicle.magnets):
-        pose = found[magnet.body]
-        shift = pose.shift(magnet.position)
-        jacobian[i] = motion[i] = point_jacobian(pose, magnet.position, size=n)
-        if vehicle.kinematics == "paper":
-            motion[i] = paper_jacobian(pose, magnet.position, size=n)
-            shift[1] = paper_sway(pose, magnet.position)
-        heights[i] = posture.height + shift[2]
-        if posture.gap is not None:
-            gaps[i] = posture.gap - magnet.side * (posture.offset + shift[1])
-    forward = np.zeros(m) if rates is None else jacobian[:, 0] @ rates
-    speed = posture.speed + forward
-    lift, guidance, drag, slopes = _evaluate(vehicle.magnets, heights, gaps, speed, partials=partials)
-    share = posture.strength * np.array([magnet.count for magnet in vehicle.magnets])
-    side = np.array([float(magnet.side) for magnet in vehicle.magnets])
-    force = np.stack([-share * drag, -side * share * guidance, share * lift], axis=-1).reshape(m, 3)
-    # Partials of (lift, guidance, drag) become partials of the vector (-D, -side G, L).
-    signs = np.stack([-share, -side * share, share], axis=-1).reshape(m, 3, 1)
-    vectors = signs * slopes[:, [2, 1, 0], :]
-    by_height, by_gap, by_speed, by_rise, by_widening = np.moveaxis(vectors, -1, 0)
-    zero = np.zeros((m, 3))
-    moving = speed > 0.0
-    drag_direction = share * np.where(moving, drag / np.where(moving, speed, 1.0), slopes[:, 2, 2])
+    known = structure(vehicle)
+    m, side = len(known.count), known.side
+    jacobian = here.jacobian[known.magnets]
+    heights = posture.height + here.magnet_shift[:, 2]
+    gaps = np.full(m, np.nan)
+    if posture.gap is not None:
+        gaps = posture.gap - side * (posture.offset + here.magnet_shift[:, 1])
+    speed = np.full(m, posture.speed) if rates is None else posture.speed + jacobian[:, 0] @ rates
+    forces, slopes = _evaluate(known, heights, gaps, speed, partials=partials)
+    lift, guidance, drag = forces.T
+    share = posture.strength * known.count
+    # Lift, guidance, drag become the vector (-D, -side G, L); their partials follow.
+    signs = np.stack([-share, -side * share, share], axis=-1)
+    vectors = signs[:, :, None] * slopes[:, ::-1]
+    by_position, by_velocity = np.zeros((m, 3, 3)), np.zeros((m, 3, 3))
+    by_position[:, :, 1], by_position[:, :, 2] = -side[:, None] * vectors[:, :, 1], vectors[:, :, 0]
+    by_velocity[:, :, 0], by_velocity[:, :, 2] = vectors[:, :, 2], vectors[:, :, 3]
+    by_velocity[:, :, 1] = -side[:, None] * vectors[:, :, 4]
+    drag_direction = np.zeros(m)
+    if vehicle.drag_direction:
+        moving = speed > 0.0
+        drag_direction = share * np.where(moving, drag / np.where(moving, speed, 1.0), slopes[:, 2, 2])
     return MagnetField(
         heights=heights,
         gaps=gaps,
         lift=share * lift,
         guidance=share * guidance,
         drag=share * drag,
-        force=force,
-        by_position=np.stack([zero, -side[:, None] * by_gap, by_height], axis=-1),
-        by_velocity=np.stack([by_speed, -side[:, None] * by_widening, by_rise], axis=-1),
-        drag_direction=drag_direction if vehicle.drag_direction else np.zeros(m),
+        force=signs * forces[:, ::-1],
+        by_position=by_position,
+        by_velocity=by_velocity,
+        drag_direction=drag_direction,
         jacobian=jacobian,
-        motion=motion,
+        motion=here.magnet_motion,
     )
 
 
 def _evaluate(
-    magnets: tuple[Magnet, ...], heights: FloatArray, gaps: FloatArray, speeds: FloatArray, *, partials: bool
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Lift, guidance, drag (m,) of single magnets and partials (m, 3, 5): rows lift, guidance, drag; columns
-    height, gap, speed, rising, widening. Magnets that share a model are evaluated together.
+    known: Structure, heights: FloatArray, gaps: FloatArray, speeds: FloatArray, *, partials: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Forces (m, 3) of single magnets and partials (m, 3, 5): lift, guidance, drag; columns height, gap, speed,
+    rising, widening. Magnets that share a model are evaluated together.
     """
-    forces = np.zeros((len(magnets), 3))
-    slopes = np.zeros((len(magnets), 3, 5))
-    groups: dict[tuple[int, bool], tuple[AbstractForceModel, list[int]]] = {}
-    for i, magnet in enumerate(magnets):
-        blind = magnet.side == 0 and magnet.force.domain.gap is None
-        groups.setdefault((id(magnet.force), blind), (magnet.force, []))[1].append(i)
-    for (_, blind), (model, members) in groups.items():
-        gap = None if blind or np.any(np.isnan(gaps[members])) else gaps[members]
-        found = model.forces(heights[members], gap, speeds[members])
+    forces, slopes = np.zeros((len(heights), 3)), np.zeros((len(heights), 3, 5))
+    for group in known.groups:
+        members = group.members
+        height, gap, speed = heights[members], gaps[members], speeds[members]
+        beside = None if group.blind or np.isnan(gap).any() else gap
+        found = group.force.forces(height, beside, speed)
         forces[members] = np.stack([found.lift, found.guidance, found.drag], axis=-1)
         if partials:
-            derived = model.derivatives(heights[members], gap, speeds[members])
+            derived = group.force.derivatives(height, beside, speed)
             parts = (
                 derived.by_height, derived.by_gap, derived.by_speed,
                 derived.by_vertical_velocity, derived.by_lateral_velocity,
             )  # fmt: skip
-            columns = [np.stack([part.lift, part.guidance, part.drag], axis=-1) for part in parts]
-            slopes[members] = np.stack(columns, axis=-1)
-    return forces[:, 0], forces[:, 1], forces[:, 2], slopes
+            rows = [[part.lift for part in parts], [part.guidance for part in parts], [part.drag for part in parts]]
+            slopes[members] = np.moveaxis(np.array(rows), -1, 0)
+    return forces, slopes
 
 
 def generalized_force(
@@ -151,118 +136,80 @@ def generalized_force(
 
 
 def net_force(
-    vehicle: Vehicle, posture: Posture, *, increment: FloatArray | None = None, rates: FloatArray | None = None
+    vehicle: Vehicle,
+    posture: Posture,
+    *,
+    increment: FloatArray | None = None,
+    rates: FloatArray | None = None,
+    field: MagnetField | None = None,
 ) -> FloatArray:
-    """Net generalised force at a posture moved on by an increment; (n,)."""
-    n = len(vehicle.dofs)
-    step = np.zeros(n) if increment is None else increment
-    velocity = np.zeros(n) if rates is None else rates
-    start = poses(vehicle, posture.displacement)
-    now = start if increment is None else poses(vehicle, posture.displacement, step)
+    """Net generalised force at a posture moved on by an increment; (n,).
+
+    `field` is the magnets' when it is known already.
+    """
+    now = stance(vehicle, posture.displacement, increment)
     # At rest the partials with respect to velocities play no part.
-    field = magnet_field(vehicle, posture, now, rates=velocity, partials=rates is not None)
-    total = posture.loads + magnet_force(field, velocity)
-    for pose in now.values():
-        weight = np.array([0.0, 0.0, -pose.body.mass * vehicle.gravity])
-        total = total + point_jacobian(pose, pose.body.position, size=n).T @ weight
-    for push in longitudinal_forces(vehicle, posture):
-        row = point_jacobian(now[push.body], push.position, size=n)[0]
-        total = total + row * push.at(posture.speed + float(row @ velocity))
-    for connection in vehicle.links:
-        total = total + _connection_force(connection, posture, start, now, step, velocity)
+    found = field or magnet_field(vehicle, posture, now, rates=rates, partials=rates is not None)
+    magnets = magnet_force(found, rates)
+    return np.asarray(magnets + other_forces(vehicle, posture, now, increment=increment, rates=rates))
+
+
+def other_forces(
+    vehicle: Vehicle,
+    posture: Posture,
+    now: Stance,
+    *,
+    increment: FloatArray | None = None,
+    rates: FloatArray | None = None,
+) -> FloatArray:
+    """Generalised force of everything but the magnets; `now` is the posture moved on by the increment; (n,)."""
+    known = structure(vehicle)
+    weight = -vehicle.gravity * (known.masses @ now.jacobian[known.centres, 2])
+    pushing = now.jacobian[known.pushes, 0]
+    rows = now.stroke[: len(known.links)]
+    tension = np.array([posture.static_forces.get(link.name, 0.0) for link in known.links])
+    if increment is not None:
+        start = stance(vehicle, posture.displacement)
+        tension = tension - known.link_stiffness * stroke_between(vehicle, start, now, increment)
+    if rates is not None:
+        tension = tension - known.link_damping * (rows @ rates)
+    forward = 0.0 if rates is None else pushing @ rates
+    pushes = longitudinal_forces(vehicle, posture, posture.speed + forward)
+    total = posture.loads + weight + pushes @ pushing + tension @ rows
+    moved = posture.displacement if increment is None else posture.displacement + increment
     for element in vehicle.coefficient_elements:
-        found = element.table.at(posture.speed)
-        pose = now[element.body]
-        block = np.ix_(pose.axes, pose.axes)
-        columns = list(pose.columns)
-        total[columns] -= found.stiffness[block] @ (posture.displacement + step)[columns]
-        total[columns] -= found.damping[block] @ velocity[columns]
+        table, i = element.table.at(posture.speed), known.index[element.body]
+        block, columns = np.ix_(known.axes[i], known.axes[i]), list(known.columns[i])
+        total[columns] -= table.stiffness[block] @ moved[columns]
+        if rates is not None:
+            total[columns] -= table.damping[block] @ rates[columns]
     return np.asarray(total)
 
 
-def magnet_force(field: MagnetField, velocity: FloatArray) -> FloatArray:
+def magnet_force(field: MagnetField, velocity: FloatArray | None = None) -> FloatArray:
     """Generalised force of all magnets, with what their vertical and lateral velocities add; (n,)."""
+    if velocity is None:
+        return np.asarray(np.einsum("mij,mi->j", field.jacobian, field.force))
     rise, sway = field.motion[:, 2] @ velocity, field.motion[:, 1] @ velocity
     moving = field.by_velocity[:, :, 2] * rise[:, None] + field.by_velocity[:, :, 1] * sway[:, None]
     total = np.einsum("mij,mi->j", field.jacobian, field.force + moving)
     return np.asarray(total - np.einsum("mj,m->j", field.motion[:, 1], field.drag_direction * sway))
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class LongitudinalForce:
-    """Thrust or air drag at a point of a body: constant - drag_factor v |v|, N forwards."""
-
-    name: str
-    body: str
-    position: Vector
-    constant: float
-    drag_factor: float
-
-    def at(self, speed: float) -> float:
-        """Force at a speed of its point, N."""
-        return self.constant - self.drag_factor * speed * abs(speed)
+def longitudinal_forces(vehicle: Vehicle, posture: Posture, speed: float | FloatArray) -> FloatArray:
+    """Air drag at each of its points, then the thrust on each body, where points move at `speed`; (p,) N forwards."""
+    known = structure(vehicle)
+    air = len(vehicle.aerodynamics)
+    thrust = np.array([0.0] * air + [posture.thrust.get(name, 0.0) for name in known.push_body[air:]])
+    return np.asarray(thrust - known.drag_factor * speed * np.abs(speed))
 
 
-def longitudinal_forces(vehicle: Vehicle, posture: Posture) -> list[LongitudinalForce]:
-    """Thrust and air drag of every body."""
-    points = dict(vehicle.thrust_positions)
-    air = [
-        LongitudinalForce(a.name, a.body, _air_position(vehicle, a), 0.0, a.drag_factor) for a in vehicle.aerodynamics
-    ]
-    thrust = [
-        LongitudinalForce("thrust", b.name, points.get(b.name, b.position), posture.thrust.get(b.name, 0.0), 0.0)
-        for b in vehicle.bodies
-    ]
-    return air + thrust
-
-
-def _air_position(vehicle: Vehicle, air: Aerodynamics) -> Vector:
-    return vehicle.body(air.body).position if air.position is None else air.position
-
-
-def connection_stroke(element: SpringDamper | Actuator, start: Poses, now: Poses, step: FloatArray) -> float:
-    """Stroke between two sets of poses that are `step` (n,) apart, m (rad when angular)."""
-    if element.angular:
-        row = stroke_row(
-            start, element.body, element.to,
-            position=element.position, direction=element.direction, angular=True, size=len(step),
-        )  # fmt: skip
-        return float(row @ step)
-
-    def shift(name: str) -> FloatArray:
-        if name not in now:
-            return np.zeros(3)
-        return now[name].shift(element.position) - start[name].shift(element.position)
-
-    return float(np.asarray(element.direction) @ (shift(element.body) - shift(element.to)))
-
-
-def _connection_force(
-    element: SpringDamper | Actuator,
-    posture: Posture,
-    start: Poses,
-    now: Poses,
-    step: FloatArray,
-    velocity: FloatArray,
-) -> FloatArray:
-    row = stroke_row(
-        now, element.body, element.to,
-        position=element.position, direction=element.direction, angular=element.angular, size=len(step),
-    )  # fmt: skip
-    force = posture.static_forces.get(element.name, 0.0)
-    if isinstance(element, SpringDamper):
-        force -= element.stiffness * connection_stroke(element, start, now, step)
-        if element.lag == 0.0:
-            force -= element.damping * float(row @ velocity)
-    return row * force
-
-
-def longitudinal_thrust(vehicle: Vehicle, posture: Posture) -> Mapping[str, float]:
-    """Thrust on each body that balances the drag of its magnets and of the air, N."""
-    field = magnet_field(vehicle, posture, poses(vehicle, posture.displacement), partials=False)
+def longitudinal_thrust(vehicle: Vehicle, posture: Posture, drag: FloatArray | None) -> Mapping[str, float]:
+    """Thrust on each body that balances the drag of its magnets (m,), None when they are off, and of the air, N."""
     thrust = {body.name: 0.0 for body in vehicle.bodies}
-    for magnet, drag in zip(vehicle.magnets, field.drag, strict=True):
-        thrust[magnet.body] += float(drag)
+    if drag is not None:
+        for body, share in zip(structure(vehicle).carriers, drag.tolist(), strict=True):
+            thrust[body] += share
     for air in vehicle.aerodynamics:
         thrust[air.body] += air.drag_factor * posture.speed**2
     return thrust

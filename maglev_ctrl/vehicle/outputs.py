@@ -9,8 +9,6 @@ import numpy as np
 
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.vehicle.elements import Actuator, Sensor, SpringDamper
-from maglev_ctrl.vehicle.kinematics import Poses, stroke_row
-from maglev_ctrl.vehicle.loads import MagnetField
 from maglev_ctrl.vehicle.shares import guideway_inputs
 from maglev_ctrl.vehicle.vehicle import Vehicle
 
@@ -32,17 +30,13 @@ class OutputRow:
         self.H_q, self.H_v, self.H_a = np.zeros(self.size), np.zeros(self.size), np.zeros(self.size)
 
 
-def sensor_rows(vehicle: Vehicle, found: Poses) -> list[OutputRow]:
-    """Every sensor's reading."""
-    return [_sensor_row(sensor, found, len(vehicle.dofs)) for sensor in vehicle.sensors]
+def sensor_rows(vehicle: Vehicle, strokes: FloatArray) -> list[OutputRow]:
+    """Every sensor's reading along its stroke row; (sensors, n)."""
+    return [_sensor_row(sensor, row) for sensor, row in zip(vehicle.sensors, strokes, strict=True)]
 
 
-def _sensor_row(sensor: Sensor, found: Poses, size: int) -> OutputRow:
-    row = stroke_row(
-        found, sensor.body, sensor.to,
-        position=sensor.position, direction=sensor.direction, angular=sensor.angular, size=size,
-    )  # fmt: skip
-    output = OutputRow(sensor.name, size)
+def _sensor_row(sensor: Sensor, row: FloatArray) -> OutputRow:
+    output = OutputRow(sensor.name, len(row))
     match sensor.kind:
         case "gap" | "stroke":
             output.H_q = row
@@ -57,23 +51,20 @@ def _sensor_row(sensor: Sensor, found: Poses, size: int) -> OutputRow:
     return output
 
 
-def magnet_rows(vehicle: Vehicle, fields: MagnetField) -> list[OutputRow]:
-    """Height change of every magnet over the guideway, "<magnet>.gap"."""
+def magnet_rows(vehicle: Vehicle, motion: FloatArray) -> list[OutputRow]:
+    """Height change of every magnet over the guideway, "<magnet>.gap", from the magnets' motion (m, 3, n)."""
     rows = []
     for i, magnet in enumerate(vehicle.magnets):
         output = OutputRow(f"{magnet.name}.gap", len(vehicle.dofs))
-        output.H_q = fields.motion[i, 2]
+        output.H_q = motion[i, 2]
         output.guideway = {f"heave@{magnet.name}": -1.0}
         rows.append(output)
     return rows
 
 
-def link_rows(element: SpringDamper | Actuator, found: Poses, size: int) -> list[OutputRow]:
-    """Stroke, its velocity, and the force where it is a function of the states."""
-    row = stroke_row(
-        found, element.body, element.to,
-        position=element.position, direction=element.direction, angular=element.angular, size=size,
-    )  # fmt: skip
+def link_rows(element: SpringDamper | Actuator, row: FloatArray) -> list[OutputRow]:
+    """Stroke (its row (n,) is given), its velocity, and the force where it is a function of the states."""
+    size = len(row)
     feels = guideway_inputs(element.name, element.to, element.direction, angular=element.angular)
     away = {key: -cosine for key, cosine in feels.items()}
     stroke, velocity = OutputRow(f"{element.name}.stroke", size), OutputRow(f"{element.name}.stroke.velocity", size)
@@ -94,12 +85,12 @@ def link_rows(element: SpringDamper | Actuator, found: Poses, size: int) -> list
     return [stroke, velocity, force]
 
 
-def coordinate_rows(dofs: tuple[str, ...], ignorable: tuple[str, ...]) -> list[OutputRow]:
-    """Displacement (unless ignorable), velocity and acceleration of every coordinate."""
+def coordinate_rows(dofs: tuple[str, ...]) -> list[OutputRow]:
+    """Displacement, velocity and acceleration of every coordinate."""
     rows = []
     for i, name in enumerate(dofs):
         position = OutputRow(name, len(dofs))
         velocity, acceleration = OutputRow(f"{name}.velocity", len(dofs)), OutputRow(f"{name}.acceleration", len(dofs))
         position.H_q[i], velocity.H_v[i], acceleration.H_a[i] = 1.0, 1.0, 1.0
-        rows += [velocity, acceleration] if name in ignorable else [position, velocity, acceleration]
+        rows += [position, velocity, acceleration]
     return rows

@@ -1,4 +1,8 @@
-"""The share of each element in the linear model: its M, C, K, internal states, inputs and guideway terms."""
+"""The share of each element in the linear model: its M, C, K, internal states, inputs and guideway terms.
+
+Most shares follow from the stance alone; those of magnets, air drag and turning forces depend on the operating point
+too, and come as stacks over all elements of a kind.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +10,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from maglev_ctrl.arrays import FloatArray
+from maglev_ctrl.arrays import FloatArray, transpose
 from maglev_ctrl.systems.second_order import ContributionKind
 from maglev_ctrl.vehicle.elements import GUIDEWAY, Actuator, CoefficientElement, SpringDamper, Vector
-from maglev_ctrl.vehicle.kinematics import Poses, geometric_stiffness, point_jacobian, stroke_row
+from maglev_ctrl.vehicle.kinematics import Stance, geometric_stiffness
 from maglev_ctrl.vehicle.loads import MagnetField, longitudinal_forces
 from maglev_ctrl.vehicle.operating import Posture
 from maglev_ctrl.vehicle.pade import pade_delay
+from maglev_ctrl.vehicle.structure import structure
 from maglev_ctrl.vehicle.vehicle import Vehicle
 
 
@@ -61,44 +66,42 @@ def guideway_inputs(name: str, to: str | None, direction: Vector, *, angular: bo
     return {key: cosine for key, cosine in cosines.items() if cosine != 0.0}
 
 
-def body_shares(found: Poses, size: int) -> list[Share]:
+def body_shares(vehicle: Vehicle, here: Stance) -> list[Share]:
     """Masses and inertias, turned with the bodies."""
+    known = structure(vehicle)
     shares = []
-    for pose in found.values():
-        share = Share(pose.body.name, "body", size)
+    for body, rotation, spread in zip(vehicle.bodies, here.rotation, known.spread, strict=True):
+        share = Share(body.name, "body", len(known.dofs))
         local = np.zeros((6, 6))
-        local[:3, :3] = pose.body.mass * np.eye(3)
-        local[3:, 3:] = pose.rotation @ pose.body.inertia_matrix @ pose.rotation.T
-        share.M[np.ix_(pose.columns, pose.columns)] = local[np.ix_(pose.axes, pose.axes)]
+        local[:3, :3] = body.mass * np.eye(3)
+        local[3:, 3:] = rotation @ body.inertia_matrix @ rotation.T
+        share.M = spread.T @ local @ spread
         shares.append(share)
     return shares
 
 
-def magnet_shares(vehicle: Vehicle, fields: MagnetField, size: int) -> list[Share]:
-    """K = -J^T S J and C = -J^T D J of every magnet (Sec. 2.3), and its guideway inputs."""
-    shares = []
-    for i, magnet in enumerate(vehicle.magnets):
-        share = Share(magnet.name, "magnet", size)
-        J, motion = fields.jacobian[i], fields.motion[i]
-        S, D = fields.by_position[i], fields.by_velocity[i]
-        share.K = -J.T @ S @ motion
-        # The speed enters with the magnet's own motion, rise and sway with what the kinematics makes of them.
-        moving = np.stack([J[0], motion[1], motion[2]])
-        share.C = -J.T @ D @ moving + fields.drag_direction[i] * np.outer(motion[1], motion[1])
-        share.K_w[f"heave@{magnet.name}"] = -J.T @ S[:, 2]
-        share.C_w[f"heave@{magnet.name}"] = -J.T @ D[:, 2]
-        if magnet.side != 0:
-            share.K_w[f"sway@{magnet.name}"] = -J.T @ S[:, 1]
-            share.C_w[f"sway@{magnet.name}"] = -J.T @ D[:, 1]
-        shares.append(share)
-    return shares
+def magnet_stiffness(fields: MagnetField) -> FloatArray:
+    """K = -J^T S J of every magnet (Sec. 2.3); (m, n, n)."""
+    return np.asarray(-transpose(fields.jacobian) @ fields.by_position @ fields.motion)
 
 
-def coefficient_share(element: CoefficientElement, found: Poses, *, speed: float, size: int) -> Share:
+def magnet_damping(fields: MagnetField) -> FloatArray:
+    """C = -J^T D J of every magnet, and the lateral damping of its drag; (m, n, n)."""
+    # The speed enters with the magnet's own motion, rise and sway with what the kinematics makes of them.
+    moving = fields.motion.copy()
+    moving[:, 0] = fields.jacobian[:, 0]
+    sway = fields.motion[:, 1]
+    following = fields.drag_direction[:, None, None] * (sway[:, :, None] * sway[:, None, :])
+    return np.asarray(-transpose(fields.jacobian) @ fields.by_velocity @ moving + following)
+
+
+def coefficient_share(element: CoefficientElement, vehicle: Vehicle, *, speed: float) -> Share:
     """Measured matrices of a body; the guideway's acceleration acting on M_m is left out."""
+    known = structure(vehicle)
+    size = len(known.dofs)
     share = Share(element.name, "magnet", size)
-    pose, table = found[element.body], element.table.at(speed)
-    columns, axes = list(pose.columns), list(pose.axes)
+    table, body = element.table.at(speed), known.index[element.body]
+    columns, axes = list(known.columns[body]), list(known.axes[body])
     target, source = np.ix_(columns, columns), np.ix_(axes, axes)
     share.M[target], share.C[target], share.K[target] = (
         table.mass[source], table.damping[source], table.stiffness[source],
@@ -112,13 +115,9 @@ def coefficient_share(element: CoefficientElement, found: Poses, *, speed: float
     return share
 
 
-def spring_damper_share(element: SpringDamper, found: Poses, size: int) -> Share:
-    """Spring and damper; a lag makes the damper's velocity an internal state, which pushes with -c."""
-    share = Share(element.name, "spring_damper", size)
-    row = stroke_row(
-        found, element.body, element.to,
-        position=element.position, direction=element.direction, angular=element.angular, size=size,
-    )  # fmt: skip
+def spring_damper_share(element: SpringDamper, row: FloatArray) -> Share:
+    """Spring and damper with a stroke row (n,); a lag makes the damper's velocity an internal state (it pushes -c)."""
+    share = Share(element.name, "spring_damper", len(row))
     share.K = element.stiffness * np.outer(row, row)
     feels = guideway_inputs(element.name, element.to, element.direction, angular=element.angular)
     share.K_w = {key: element.stiffness * cosine * row for key, cosine in feels.items()}
@@ -135,13 +134,10 @@ def spring_damper_share(element: SpringDamper, found: Poses, size: int) -> Share
     return share
 
 
-def actuator_share(element: Actuator, found: Poses, *, pade_order: int, size: int) -> Share:
-    """Command -> delay (Pade) -> first-order lag -> force."""
+def actuator_share(element: Actuator, row: FloatArray, *, pade_order: int) -> Share:
+    """Command -> delay (Pade) -> first-order lag -> force along a stroke row (n,)."""
+    size = len(row)
     share = Share(element.name, "actuator", size)
-    row = stroke_row(
-        found, element.body, element.to,
-        position=element.position, direction=element.direction, angular=element.angular, size=size,
-    )  # fmt: skip
     order = pade_order if element.delay > 0.0 else 0
     A, b, c, d = pade_delay(element.delay, order)
     share.inputs = (element.name,)
@@ -160,36 +156,26 @@ def actuator_share(element: Actuator, found: Poses, *, pade_order: int, size: in
     return share
 
 
-def aerodynamic_shares(vehicle: Vehicle, posture: Posture, found: Poses, size: int) -> list[Share]:
-    """Slope 2 K_a v0 of the air drag at its point."""
-    shares = []
-    for push in longitudinal_forces(vehicle, posture):
-        if push.drag_factor > 0.0:
-            share = Share(push.name, "aerodynamics", size)
-            row = point_jacobian(found[push.body], push.position, size=size)[0]
-            share.C = 2.0 * push.drag_factor * posture.speed * np.outer(row, row)
-            shares.append(share)
-    return shares
+def aerodynamic_damping(vehicle: Vehicle, posture: Posture, here: Stance) -> FloatArray:
+    """Slope 2 K_a v0 of the air drag at each of its points, as damping; (air, n, n)."""
+    known = structure(vehicle)
+    air = len(vehicle.aerodynamics)
+    row = here.jacobian[known.pushes, 0][:air]
+    slope = 2.0 * known.drag_factor[:air] * posture.speed
+    return np.asarray(slope[:, None, None] * (row[:, :, None] * row[:, None, :]))
 
 
-def geometry_share(vehicle: Vehicle, posture: Posture, found: Poses, fields: MagnetField) -> Share:
-    """Stiffness of every static point force at a turning point: magnets, preloads, thrust and air drag."""
-    size = len(vehicle.dofs)
-    share = Share("geometry", "geometry", size)
-
-    def add(body: str, position: Vector, force: FloatArray) -> None:
-        pose = found[body]
-        share.K += geometric_stiffness(pose, pose.lever(position), force, size=size)
-
-    for i, magnet in enumerate(vehicle.magnets):
-        add(magnet.body, magnet.position, fields.force[i])
-    for push in longitudinal_forces(vehicle, posture):
-        add(push.body, push.position, np.array([push.at(posture.speed), 0.0, 0.0]))
-    for element in vehicle.links:
-        force = posture.static_forces.get(element.name, 0.0) * np.asarray(element.direction)
-        if element.angular:
-            continue
-        add(element.body, element.position, force)
-        if element.to != GUIDEWAY:
-            add(element.to, element.position, -force)
-    return share
+def turning_stiffness(vehicle: Vehicle, posture: Posture, here: Stance, fields: MagnetField) -> FloatArray:
+    """Stiffness of every static point force at a turning point: magnets, preloads, thrust and air drag; (n, n)."""
+    known = structure(vehicle)
+    force = np.zeros_like(here.lever)
+    force[known.magnets] = fields.force
+    force[known.pushes, 0] = longitudinal_forces(vehicle, posture, posture.speed)
+    links = len(known.links)
+    # A torque has no lever; sensors, after the links, push nothing.
+    tension = np.array([posture.static_forces.get(link.name, 0.0) for link in known.links])
+    along = np.where(known.angular[:links], 0.0, tension)[:, None] * known.direction[:links]
+    own, far = known.own_ends.start, known.far_ends.start
+    force[own : own + links] = along
+    force[far : far + links] = -known.apart[:links, None] * along
+    return geometric_stiffness(vehicle, here, force)

@@ -11,10 +11,10 @@ import numpy as np
 from maglev_ctrl.arrays import FloatArray, read_only, read_only_any
 from maglev_ctrl.errors import ModelError, OutOfDomain
 from maglev_ctrl.forces.base import MagnetForces
-from maglev_ctrl.vehicle.elements import Actuator, SpringDamper
-from maglev_ctrl.vehicle.kinematics import poses, stroke_row
-from maglev_ctrl.vehicle.loads import connection_stroke, longitudinal_thrust, magnet_field, net_force
+from maglev_ctrl.vehicle.kinematics import stance, stroke_between
+from maglev_ctrl.vehicle.loads import longitudinal_thrust, magnet_field, net_force, other_forces
 from maglev_ctrl.vehicle.operating import Equilibrium, Hold, OperatingPoint, Posture
+from maglev_ctrl.vehicle.structure import structure
 from maglev_ctrl.vehicle.tangent import tangent_stiffness
 from maglev_ctrl.vehicle.vehicle import Vehicle
 
@@ -91,7 +91,7 @@ def _dead_loads(vehicle: Vehicle, loads: Mapping[str, float]) -> FloatArray:
 
 def _trim(vehicle: Vehicle, level: Posture) -> float:
     """Common factor on the magnets' forces that makes the lift carry the weight and the vertical dead loads."""
-    field = magnet_field(vehicle, level, poses(vehicle, level.displacement), partials=False)
+    field = magnet_field(vehicle, level, stance(vehicle, level.displacement), partials=False)
     lift = float(np.sum(field.lift))
     heave = [i for i, name in enumerate(vehicle.dofs) if name.endswith(".heave")]
     weight = vehicle.mass * vehicle.gravity - float(np.sum(level.loads[heave]))
@@ -105,24 +105,22 @@ def _trim(vehicle: Vehicle, level: Posture) -> float:
 
 def _carried_loads(vehicle: Vehicle, level: Posture) -> dict[str, float]:
     """Static forces of the springs that carry bodies without magnets, least elastic energy."""
-    carried = {*(m.body for m in vehicle.magnets), *(e.body for e in vehicle.coefficient_elements)}
-    found = poses(vehicle, level.displacement)
-    idle = {name: pose for name, pose in found.items() if name not in carried}
-    rows = [c for pose in idle.values() for c, axis in zip(pose.columns, pose.axes, strict=True) if axis != 0]
-    links = [x for x in vehicle.links if _static_stiffness(x) > 0.0 and (x.body in idle or x.to in idle)]
+    known = structure(vehicle)
     static = {link.name: 0.0 for link in vehicle.links}
+    carried = {*known.carriers, *(e.body for e in vehicle.coefficient_elements)}
+    idle = known.index.keys() - carried
+    rows = [i for i, name in enumerate(known.dofs) if name.rsplit(".", 1)[0] in idle and not name.endswith(".surge")]
     if not rows:
         return static
-    n = len(vehicle.dofs)
+    chosen = [
+        i for i, x in enumerate(known.links) if known.static_stiffness[i] > 0.0 and (x.body in idle or x.to in idle)
+    ]
+    links = [known.links[i] for i in chosen]
     wanted = -_without_magnets(vehicle, level)[rows]
-    weights = np.sqrt([_static_stiffness(link) for link in links])
-    columns = np.zeros((n, len(links)))
-    for i, x in enumerate(links):
-        columns[:, i] = stroke_row(
-            found, x.body, x.to, position=x.position, direction=x.direction, angular=x.angular, size=n
-        )
+    weights = np.sqrt(known.static_stiffness[chosen])
+    columns = stance(vehicle, level.displacement).stroke[chosen].T
     # Rows are scaled by the body's weight and levers, so that newtons and newton metres count alike.
-    scale = _force_scale(vehicle)[rows]
+    scale = known.force_scale[rows]
     system = columns[rows] * weights / scale[:, None]
     solved = weights * np.linalg.lstsq(system, wanted / scale, rcond=1e-12)[0] if links else np.zeros(0)
     left = wanted - columns[rows] @ solved
@@ -137,25 +135,13 @@ def _carried_loads(vehicle: Vehicle, level: Posture) -> dict[str, float]:
 
 def _without_magnets(vehicle: Vehicle, level: Posture) -> FloatArray:
     """Net force on the bodies when the magnets are off: weight, dead loads, thrust and air."""
-    off = replace(vehicle, magnets=())
-    return net_force(off, _with_thrust(off, level))
-
-
-def _static_stiffness(link: SpringDamper | Actuator) -> float:
-    return link.stiffness if isinstance(link, SpringDamper) else link.static_stiffness
-
-
-def _force_scale(vehicle: Vehicle) -> FloatArray:
-    """Weight for forces, weight times the largest lever for moments; (n,)."""
-    weight = vehicle.mass * max(vehicle.gravity, 1e-300)
-    points = [*(magnet.position for magnet in vehicle.magnets), *(link.position for link in vehicle.links)]
-    reach = max((float(np.linalg.norm(p)) for p in points), default=0.0) or 1.0
-    turning = [name.rsplit(".", 1)[1] in ("roll", "pitch", "yaw") for name in vehicle.dofs]
-    return np.where(turning, weight * reach, weight)
+    thrusting = replace(level, thrust=longitudinal_thrust(vehicle, level, None))
+    return other_forces(vehicle, thrusting, stance(vehicle, level.displacement))
 
 
 def _with_thrust(vehicle: Vehicle, posture: Posture) -> Posture:
-    return replace(posture, thrust=longitudinal_thrust(vehicle, posture))
+    field = magnet_field(vehicle, posture, stance(vehicle, posture.displacement), partials=False)
+    return replace(posture, thrust=longitudinal_thrust(vehicle, posture, field.drag))
 
 
 def _with_support(vehicle: Vehicle, posture: Posture) -> Posture:
@@ -176,7 +162,7 @@ def _solve(vehicle: Vehicle, at: OperatingPoint, level: Posture) -> Posture:
     free = [i for i, name in enumerate(vehicle.dofs) if name.rsplit(".", 1)[1] not in held]
     start = np.zeros(len(vehicle.dofs))
     start[[i for i, name in enumerate(vehicle.dofs) if name.endswith(".heave")]] = at.height - level.height
-    posture, scale = _at(vehicle, level, start), _force_scale(vehicle)[free]
+    posture, scale = _at(vehicle, level, start), structure(vehicle).force_scale[free]
     force = net_force(vehicle, posture)[free]
     for _ in range(MAXIMUM_STEPS):
         stiffness = tangent_stiffness(vehicle, posture)[np.ix_(free, free)]
@@ -232,17 +218,18 @@ def _shorten(
 
 def _at(vehicle: Vehicle, level: Posture, displacement: FloatArray) -> Posture:
     """The level posture moved: springs take up their strokes, thrust balances the drag there."""
-    start, now = poses(vehicle, level.displacement), poses(vehicle, displacement)
+    start, now = stance(vehicle, level.displacement), stance(vehicle, displacement)
+    known = structure(vehicle)
+    taken = known.static_stiffness * stroke_between(vehicle, start, now, displacement)
     static = {
-        link.name: level.static_forces[link.name]
-        - _static_stiffness(link) * connection_stroke(link, start, now, displacement)
-        for link in vehicle.links
+        link.name: level.static_forces[link.name] - share
+        for link, share in zip(known.links, taken.tolist(), strict=True)
     }
     return _with_thrust(vehicle, replace(level, displacement=displacement, static_forces=static))
 
 
 def _record(vehicle: Vehicle, at: OperatingPoint, hold: Hold, posture: Posture) -> Equilibrium:
-    field = magnet_field(vehicle, posture, poses(vehicle, posture.displacement), partials=False)
+    field = magnet_field(vehicle, posture, stance(vehicle, posture.displacement), partials=False)
     return Equilibrium(
         at=at,
         hold=hold,
@@ -251,7 +238,7 @@ def _record(vehicle: Vehicle, at: OperatingPoint, hold: Hold, posture: Posture) 
         magnet_gaps=read_only_any(field.gaps),
         forces=MagnetForces(lift=field.lift, guidance=field.guidance, drag=field.drag),
         strength=posture.strength,
-        unbalanced=read_only(net_force(vehicle, posture), name="unbalanced"),
+        unbalanced=read_only(net_force(vehicle, posture, field=field), name="unbalanced"),
         preloads=dict(posture.static_forces),
         posture=posture,
     )

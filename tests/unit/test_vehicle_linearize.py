@@ -398,3 +398,16 @@ def test_an_equilibrium_of_another_vehicle_is_refused() -> None:
     state = equilibrium(rich_vehicle(("heave",)), AT)
     with pytest.raises(ValueError, match="expected an equilibrium of 6 coordinates"):
         linearize(rich_vehicle(("heave", "pitch")), state)
+
+
+def test_a_remembered_vehicle_is_never_taken_for_another() -> None:
+    consistent = rich_vehicle()
+    first = linearize(consistent, AT)
+    paper = linearize(replace(consistent, kinematics="paper"), AT)
+    heavier = linearize(replace(consistent, gravity=2.0 * consistent.gravity), AT)
+    again = linearize(consistent, AT)
+    for key in ("M", "C", "K", "K_w", "H_q"):
+        np.testing.assert_array_equal(getattr(again, key), getattr(first, key))
+    assert np.max(np.abs(paper.K - first.K)) > 1e-6 * np.max(np.abs(first.K))
+    assert np.max(np.abs(heavier.K - first.K)) > 1e-6 * np.max(np.abs(first.K))
+    assert not any(share.K.flags.writeable or share.F.flags.writeable for share in first.contributions)
