@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from maglev_ctrl.errors import Agreement, ModelError, Status
-from maglev_ctrl.synthesis.doubling import relative_residual, riccati_batch
+from maglev_ctrl.synthesis.doubling import relative_residual
 from maglev_ctrl.synthesis.extended import Extended, extended_solve, two_sum
 from maglev_ctrl.synthesis.riccati import riccati_continuous
+from maglev_ctrl.synthesis.riccati_batch import riccati_batch
 from maglev_ctrl.synthesis.riccati_seeds import FALLBACK, PRIMARY
 
 
