@@ -1,0 +1,158 @@
+"""The scenario library: every file loads, builds, states where its numbers come from, and has a linear model."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from maglev_ctrl.scenario import Scenario, build_option, build_vehicle, control_law, load
+from maglev_ctrl.scenario.layout import design_mass
+from maglev_ctrl.study.situation import OptionModel, Situation
+
+ROOT = Path(__file__).resolve().parents[2]
+FILES = sorted((ROOT / "scenarios").rglob("*.toml"))
+NAMES = [str(file.relative_to(ROOT / "scenarios")) for file in FILES]
+EXPECTED = {
+    "compare/eds_135t.toml", "compare/warwick_30t.toml", "paper/double_l.toml", "paper/double_l_paper_kinematics.toml",
+    "paper/heave_pitch_surge.toml", "paper/heave_surge.toml", "paper/six_dof.toml", "periodic/girder_passing.toml",
+}  # fmt: skip
+PHYSICS = ("[vehicle", "[[vehicle", "[forces", "[operating", "[periodic")
+NUMBER = re.compile(r"\d")
+
+
+def body_of(text: str) -> str:
+    """The file without its table of sources, where every key stands anyway."""
+    before, _, rest = text.partition("[sources]")
+    return before + rest[rest.index("\n[") :]
+
+
+def unused_sources(text: str, keys: list[str]) -> list[str]:
+    """Sources that nothing in the file refers to."""
+    return [key for key in keys if not re.search(rf"\b{re.escape(key)}\b", body_of(text))]
+
+
+def silent_tables(text: str, keys: list[str]) -> list[str]:
+    """Tables of the vehicle, its forces and its operation with numbers but neither a source nor a remark."""
+    found, header, lines = [], "", []
+    for line in [*text.splitlines(), "[end]"]:
+        if re.match(r"\s*\[", line) and not re.match(r"\s*\[[-\d\s.]", line):
+            stated = any("#" in one for one in lines)
+            if header.startswith(PHYSICS) and any(NUMBER.search(one) for one in lines[1:]) and not stated:
+                found.append(header)
+            header, lines = line.strip(), [line]
+        else:
+            lines.append(line)
+    return found
+
+
+@pytest.fixture(scope="module", params=FILES, ids=NAMES)
+def scenario(request: pytest.FixtureRequest) -> Scenario:
+    return load(request.param)
+
+
+def test_the_library_is_complete() -> None:
+    assert set(NAMES) >= EXPECTED
+
+
+def test_it_has_a_title_a_description_sources_and_assumptions(scenario: Scenario) -> None:
+    assert len(scenario.title) > 20
+    assert len(scenario.description) > 200
+    assert scenario.sources
+    assert scenario.assumptions
+
+
+def test_every_source_is_used(scenario: Scenario) -> None:
+    assert not unused_sources(scenario.text, list(scenario.sources))
+
+
+def test_an_unused_source_is_caught() -> None:
+    text = '[sources]\nused = "a book"\nspare = "another"\n\n[vehicle]\nmass = "1 t"  # used\n'
+    assert unused_sources(text, ["used", "spare"]) == ["spare"]
+
+
+def test_every_table_of_numbers_says_where_they_come_from(scenario: Scenario) -> None:
+    assert not silent_tables(scenario.text, list(scenario.sources))
+
+
+def test_a_silent_table_is_caught() -> None:
+    text = '[vehicle.car]\nmass = "1 t"\n[forces]\nthickness = "2 mm"  # a book\n[[option]]\nname = "x1"\n'
+    assert silent_tables(text, []) == ["[vehicle.car]"]
+
+
+def test_the_file_tells_how_to_run_it(scenario: Scenario) -> None:
+    path = scenario.path.relative_to(ROOT).as_posix()
+    assert f"maglev-ctrl report {path}" in scenario.text
+
+
+def test_it_begins_with_a_baseline_and_has_something_to_compare(scenario: Scenario) -> None:
+    assert scenario.options[0].kind == "baseline"
+    assert len(scenario.options) >= 3
+    assert len({option.label for option in scenario.options}) == len(scenario.options)
+    assert scenario.requirements
+
+
+def test_every_option_has_a_linear_model_at_the_design_point(scenario: Scenario) -> None:
+    point = Situation.of_design(scenario)
+    bare = build_vehicle(scenario)
+    for option in scenario.options:
+        grown = build_option(scenario, option, bare)
+        plant = OptionModel(scenario, option).plant(point)
+        assert plant.inputs == tuple(actuator.name for actuator in grown.actuators)
+        assert np.all(np.isfinite(plant.state_matrix()))
+        assert np.all(np.linalg.eigvalsh(plant.M) > 0.0)
+        law = control_law(scenario, option)
+        assert law is None or set(law.actuators) == {actuator.name for actuator in grown.actuators}
+
+
+def test_the_magnets_carry_the_weight(scenario: Scenario) -> None:
+    vehicle = build_vehicle(scenario)
+    if not vehicle.magnets:
+        pytest.skip("forces given as matrices about an equilibrium: no lift to compare")
+    _, balanced = OptionModel(scenario, scenario.options[0]).balance(Situation.of_design(scenario))
+    # A file that gives a current and a mass may round the mass; all others are sized for the weight.
+    assert float(np.max(np.abs(np.asarray(balanced.strength) - 1.0))) < 1e-4
+    assert design_mass(scenario) > 0.0
+
+
+def test_the_comparison_has_at_least_eight_options() -> None:
+    scenario = load(ROOT / "scenarios/compare/eds_135t.toml")
+    assert len(scenario.options) >= 8
+    assert {option.kind for option in scenario.options} >= {
+        "passive_primary", "active_primary", "passive_secondary", "active_secondary"
+    }  # fmt: skip
+
+
+def test_warwick_primary_has_the_stiffness_of_its_source() -> None:
+    scenario = load(ROOT / "scenarios/compare/warwick_30t.toml")
+    plant = OptionModel(scenario, scenario.options[0]).plant(Situation.of_design(scenario))
+    i = plant.dofs.index("bogie.heave")
+    assert plant.K[i, i] - 0.75e6 == pytest.approx(3.0e6, rel=1e-3)  # K_zz = m g / z0
+
+
+def test_six_freedoms_carry_the_signs_of_their_forces() -> None:
+    """The matrices of the file are those of the closed form of Sec. 2.3 of the errata, check case times 100."""
+    scenario = load(ROOT / "scenarios/paper/six_dof.toml")
+    length, b, c, v0 = 1.3, 0.7, 0.4, 30.0
+    L_h, L_g, G_h, G_g, D_h, D_g = -90e3, 3.7e3, -2.1e3, -61e3, -5.5e3, -0.8e3
+    L_v, G_v, D_v, L0, G0, D0 = 200.0, 70.0, -30.0, 5e3, 1.1e3, 0.9e3
+    K, C = np.zeros((6, 6)), np.zeros((6, 6))
+    K[0, 2] = 4 * D_h
+    K[1, 1], K[1, 3] = -4 * G_g, 4 * (b * G_h - c * G_g)
+    K[2, 2] = -4 * L_h
+    K[3, 1] = 4 * (b * L_g - c * G_g)
+    K[3, 3] = -4 * (c**2 * G_g - b * c * (G_h + L_g) + b**2 * L_h) - 4 * (b * G0 + c * L0)
+    K[4, 2], K[4, 4] = -4 * c * D_h, -4 * length**2 * L_h - 4 * c * L0
+    K[5, 1], K[5, 3] = 4 * b * D_g, 4 * b * (c * D_g - b * D_h) - 4 * c * D0
+    K[5, 5] = -4 * length**2 * G_g - 4 * b * G0
+    C[0, 0], C[0, 4] = 4 * D_v + 1000.0, -4 * c * D_v  # with the speed control
+    C[4, 0], C[1, 1] = C[0, 4], 4 * D0 / v0
+    C[1, 3] = C[3, 1] = 4 * c * D0 / v0
+    C[1, 5], C[2, 0], C[2, 4] = -4 * b * G_v, -4 * L_v, 4 * c * L_v
+    C[3, 3], C[3, 5] = 4 * c**2 * D0 / v0, 4 * b * (b * L_v - c * G_v)
+    C[4, 4], C[5, 5] = 4 * c**2 * D_v, 4 * (length**2 * D0 / v0 + b**2 * D_v)
+    table = scenario.forces
+    np.testing.assert_allclose(np.asarray(table.stiffness[0]), K, rtol=1e-9, atol=1e-6)
+    np.testing.assert_allclose(np.asarray(table.damping[0]), C, rtol=1e-9, atol=1e-6)
