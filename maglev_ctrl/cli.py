@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, cast
+from typing import TYPE_CHECKING, Annotated, Literal, NoReturn, cast
 
 import typer
 
@@ -30,13 +30,16 @@ app = typer.Typer(
 )
 
 ScenarioFile = Annotated[Path, typer.Argument(metavar="SCENARIO", help="Scenario file (TOML).", show_default=False)]
+OutFolder = Annotated[
+    Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results.  [default: out/NAME]")
+]
 Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, max=256, help="Processes that share the work.")]
 
 
 @app.command()
 def report(
     scenario: ScenarioFile,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder for the report.  [default: out/NAME]")] = None,
+    out: OutFolder = None,
     jobs: Jobs = 2,
     formats: Annotated[
         str, typer.Option("--format", "-f", help="Any of html, pdf, json, by commas.")
@@ -45,32 +48,15 @@ def report(
     """Run the whole study of a scenario and write its report."""
     from maglev_ctrl.scenario import load
 
-    wanted = _formats(formats)
-    study_of = load(scenario)
-    folder = out if out is not None else Path("out") / study_of.name
-    _require_writable(folder)
-    comparison = _run(study_of, jobs=jobs)
-
-    from maglev_ctrl.report import write
-
-    paths = write(comparison, folder, formats=wanted)
-    console = _console()
-    _print_verdicts(console, comparison)
-    for path in paths:
-        typer.echo(f"written: {path}")
-    raise typer.Exit(_exit_code(comparison))
+    _study_and_write(load(scenario), out, jobs=jobs, formats=_formats(formats))
 
 
 @app.command()
-def compare(scenario: ScenarioFile, jobs: Jobs = 2) -> None:
-    """Run the whole study of a scenario and print the comparison of its options, without a report."""
+def compare(scenario: ScenarioFile, out: OutFolder = None, jobs: Jobs = 2) -> None:
+    """Run the whole study of a scenario and print its options side by side; no PDF is made."""
     from maglev_ctrl.scenario import load
 
-    comparison = _run(load(scenario), jobs=jobs)
-    console = _console()
-    _print_values(console, comparison)
-    _print_verdicts(console, comparison)
-    raise typer.Exit(_exit_code(comparison))
+    _study_and_write(load(scenario), out, jobs=jobs, formats=("html", "json"), values=True)
 
 
 @app.command()
@@ -96,15 +82,21 @@ def check(
 
 
 @app.command()
-def new(name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the scenario.", show_default=False)]) -> None:
+def new(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the scenario.", show_default=False)],
+    out: Annotated[
+        Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for the file, made if need be.")
+    ] = Path(),
+) -> None:
     """Write NAME.toml, a commented scenario to start from; an existing file is never touched."""
     from maglev_ctrl.scenario.starter import starter_text
 
-    file = Path(name if name.endswith(".toml") else f"{name}.toml")
+    file = out / (name if name.endswith(".toml") else f"{name}.toml")
     title = file.stem.replace("_", " ").replace("-", " ").strip()
     if not title:
         raise typer.BadParameter(f"expected a name, got {name!r}")
     try:
+        out.mkdir(parents=True, exist_ok=True)
         with file.open("x", encoding="utf-8", newline="\n") as stream:
             stream.write(starter_text(title[:1].upper() + title[1:]))
     except FileExistsError:
@@ -117,13 +109,24 @@ def new(name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the sc
 
 
 @app.command()
-def schema() -> None:
-    """Print the scenario format as a JSON Schema."""
+def schema(
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for scenario.schema.json; else printed.")
+    ] = None,
+) -> None:
+    """The scenario format as a JSON Schema, for editors that complete and check as you type."""
     import json
 
     from maglev_ctrl.scenario import json_schema
 
-    typer.echo(json.dumps(json_schema(), indent=2, ensure_ascii=False))
+    text = json.dumps(json_schema(), indent=2, ensure_ascii=False)
+    if out is None:
+        typer.echo(text)
+        return
+    out.mkdir(parents=True, exist_ok=True)
+    file = out / "scenario.schema.json"
+    file.write_text(text + "\n", encoding="utf-8", newline="\n")
+    typer.echo(f"written: {file}")
 
 
 @app.command()
@@ -207,6 +210,31 @@ def _try_writing(folder: Path) -> None:
     Path(name).unlink()
 
 
+def _study_and_write(
+    scenario: Scenario,
+    out: Path | None,
+    *,
+    jobs: int,
+    formats: tuple[Literal["html", "pdf", "json"], ...],
+    values: bool = False,
+) -> NoReturn:
+    """Study, write, print; exit status by verdict."""
+    folder = out if out is not None else Path("out") / scenario.name
+    _require_writable(folder)
+    comparison = _run(scenario, jobs=jobs)
+
+    from maglev_ctrl.report import write
+
+    paths = write(comparison, folder, formats=formats)
+    console = _console()
+    if values:
+        _print_values(console, comparison)
+    _print_verdicts(console, comparison)
+    for path in paths:
+        typer.echo(f"written: {path}")
+    raise typer.Exit(_exit_code(comparison))
+
+
 def _run(scenario: Scenario, *, jobs: int) -> Comparison:
     """The study, with its progress on the terminal's error stream."""
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -225,6 +253,8 @@ def _run(scenario: Scenario, *, jobs: int) -> Comparison:
 
         def progress(message: str, fraction: float) -> None:
             bar.update(task, description=message, completed=fraction)
+            if not console.is_terminal:
+                typer.echo(f"{100.0 * fraction:3.0f} %  {message}", err=True)
 
         return study.run(scenario, jobs=jobs, progress=progress)
 
