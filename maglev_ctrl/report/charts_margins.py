@@ -62,8 +62,8 @@ def exclusion_disk(alpha: float) -> tuple[float, float] | None:
 
     Examples
     --------
-    >>> exclusion_disk(1.0)
-    (-1.6666666666666665, 1.3333333333333333)
+    >>> [round(value, 6) for value in exclusion_disk(1.0) or ()]
+    [-1.666667, 1.333333]
     """
     if not 0.0 < alpha < 2.0:
         return None
@@ -113,15 +113,16 @@ def margin_bars(comparison: Comparison) -> Chart | None:
     options = comparison.options
     if not names or not options:
         return None
-    panels = tuple(_margin_panel(comparison, name, first=i % 2 == 0) for i, name in enumerate(names))
+    columns = 2 if len(names) <= 6 else 3
+    panels = tuple(_margin_panel(comparison, name, first=i % columns == 0) for i, name in enumerate(names))
     return Chart(
         key="margins",
         caption=f"Distance of every option to every requirement, per cent of the limit (cut at ±{_LONGEST_BAR:g} %): "
         "bars to the right of zero are inside the limit, hatched bars fail; words where nothing was computed.",
         alt="Margins to the requirements. " + " ".join(_words(comparison, name) for name in names),
         panels=panels,
-        columns=2,
-        panel_height=max(0.9, 0.155 * len(options) + 0.12),
+        columns=columns,
+        panel_height=max(0.8, 0.14 * len(options) + 0.12),
         legend="none",
     )
 
@@ -178,19 +179,19 @@ def _margin_panel(comparison: Comparison, name: str, *, first: bool) -> Panel:
     word = "at least" if sense == "at_least" else "at most"
     return Panel(
         items=tuple(items),
-        x=Axis("margin (% of the limit)", limits=(-_LONGEST_BAR, _LONGEST_BAR)),
+        x=Axis("margin (% of limit)", limits=(-_LONGEST_BAR, _LONGEST_BAR)),
         y=Axis(
             "",
             limits=(0.6 - len(options), 0.6),
             ticks=tuple(-float(i) for i in range(len(options))),
             tick_labels=tuple(_short(o.label) for o in options) if first else tuple("" for _ in options),
         ),
-        title=f"{name}: {word} {number(limit, unit)}",
+        title=f"{name}\n{word} {number(limit, unit)}",
     )
 
 
 def _short(label: str) -> str:
-    return label if len(label) <= 18 else label[:16].rstrip() + " …"
+    return label if len(label) <= 24 else f"{label[:11].rstrip()} … {label[-10:].lstrip()}"
 
 
 def finite_or_nan(values: FloatArray) -> FloatArray:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from maglev_ctrl.arrays import ComplexArray
+from maglev_ctrl.arrays import ComplexArray, FloatArray
 from maglev_ctrl.report.chart import Axis, Bars, Chart, Item, Line, Marks, Note, Panel, Rule, Span
 from maglev_ctrl.report.groups import ledger_groups
 from maglev_ctrl.report.style import FADED, FAIL_COLOUR, INK, UNKNOWN_COLOUR, colour, dash, number
@@ -110,8 +111,27 @@ def slowest_tracks(s: ComplexArray) -> list[int]:
         size = np.nanmedian(np.where(np.isnan(s.real), np.nan, np.abs(s)), axis=0) if s.size else np.zeros(0)
         worst = np.nanmax(np.where(np.isnan(s.real), -np.inf, s.real), axis=0) if s.size else np.zeros(0)
         light = np.nanmax(np.where(s.imag > 0.0, s.real / np.maximum(np.abs(s), 1e-300), -1.0), axis=0, initial=-1.0)
-    order = sorted(range(s.shape[1]), key=lambda k: (not (worst[k] > 0.0 or light[k] > -0.3), size[k]))
+    kept = np.flatnonzero(worth_drawing(size, light))
+    order = sorted((int(k) for k in kept), key=lambda k: (not (worst[k] > 0.0 or light[k] > -0.3), size[k]))
     return sorted(order[:MOST_MODES], key=lambda k: size[k])
+
+
+def worth_drawing(size: FloatArray, light: FloatArray) -> NDArray[np.bool_]:
+    """Which modes belong in figures of the vehicle: not the fast, strongly damped ones of actuators and delays.
+
+    Parameters
+    ----------
+    size : (m,) |s| in 1/s
+    light : (m,) Re s / |s|, -1 for a decaying real mode
+
+    Examples
+    --------
+    >>> worth_drawing(np.array([4.0, 19.0, 1700.0]), np.array([-0.1, -0.02, -0.9])).tolist()
+    [True, True, False]
+    """
+    lively = light > -0.5
+    reach = 5.0 * float(np.max(size[lively])) if np.any(lively) else np.inf
+    return np.asarray(lively | (size <= reach), dtype=bool)
 
 
 def _window(s: ComplexArray) -> tuple[float, float]:
@@ -243,10 +263,12 @@ def energy_ledger(option: OptionStudy) -> Chart | None:
     if modes is None or system is None:
         return None
     groups = ledger_groups(system, modes.ledger)
+    modulus = np.abs(modes.s)
+    shown = worth_drawing(modulus, modes.s.real / np.maximum(modulus, 1e-300))
     split = [
         int(k)
         for k in np.argsort(-modes.s.real, kind="stable")
-        if np.isfinite(modes.ledger.damping[:, k]).all() and modes.s[k].imag > 0.0
+        if shown[k] and np.isfinite(modes.ledger.damping[:, k]).all() and modes.s[k].imag > 0.0
     ][:6]
     if not split:
         return None

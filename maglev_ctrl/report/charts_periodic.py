@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from maglev_ctrl.arrays import FloatArray
-from maglev_ctrl.report.chart import Axis, Chart, Heat, Item, Line, Note, Panel, Rule, Span
+from maglev_ctrl.report.chart import Axis, Chart, Heat, Item, Line, Marks, Note, Panel, Rule, Span
 from maglev_ctrl.report.style import FAIL_COLOUR, INK, PASS_COLOUR, number
 from maglev_ctrl.study.records import FloquetStudy, OptionStudy
 
@@ -23,11 +23,15 @@ def resonance_chart(option: OptionStudy, *, design_speed: float) -> Chart | None
     growth = np.where(study.map.unstable, study.map.growth_rate, np.nan)
     known = growth[np.isfinite(growth)]
     items: list[Item] = [_heat(x, depth, growth, float(np.max(known)))] if known.size else []
+    if not known.size:
+        middle = (0.5 * float(x[0] + x[-1]), 0.5 * float(depth[-1]))
+        items.append(Note(*middle, "stable everywhere on this map", "center", "center", INK))
     critical = 100.0 * np.where(np.isfinite(study.critical_depth), study.critical_depth, np.nan)
     items.append(Line(x, critical, "critical depth", INK, "solid", 1.0))
     items += _unresolved(study, x, depth)
     items.append(Rule("y", 100.0 * study.expected_depth, "expected depth", FAIL_COLOUR, "dash", 1.2))
     items.append(Rule("x", design_speed * _KILOMETRES_PER_HOUR, "design speed", INK, "dot", 1.0))
+    items += _narrow(study)
     items += _names(study, x, depth)
     limits_x = (float(x[0]), float(x[-1]))
     upper = Panel(
@@ -61,6 +65,17 @@ def _unresolved(study: FloquetStudy, x: FloatArray, depth: FloatArray) -> list[I
     if not where.size:
         return []
     return [Note(float(x[i]), float(depth[j]), "?", "center") for i, j in where[:: max(1, len(where) // 40)]]
+
+
+def _narrow(study: FloquetStudy) -> list[Item]:
+    """Tips of tongues too narrow for the grid, found where resonance says they are."""
+    hidden = [s for s in study.map.seeded if not s.resolved_by_grid and np.isfinite(s.threshold)]
+    if not hidden:
+        return []
+    x = np.array([s.parameter * _KILOMETRES_PER_HOUR for s in hidden])
+    y = np.array([100.0 * s.threshold for s in hidden])
+    words = tuple(f"{tongue_words(s.name)}: from {number(100 * s.threshold, '%')}" for s in hidden)
+    return [Marks(x, y, "triangle", "tip of a tongue narrower than the grid", INK, 4.0, words)]
 
 
 def _names(study: FloquetStudy, x: FloatArray, depth: FloatArray) -> list[Item]:

@@ -9,6 +9,7 @@ import numpy as np
 from maglev_ctrl.analysis.modes import Modes
 from maglev_ctrl.arrays import ComplexArray, FloatArray
 from maglev_ctrl.report.chart import Area, Axis, Chart, Item, Line, Panel
+from maglev_ctrl.report.charts_modes import worth_drawing
 from maglev_ctrl.report.geometry import AXES, Box, View, best_view, boxes, corners, displacement, motion
 from maglev_ctrl.report.style import FADED, INK, colour, number
 from maglev_ctrl.study.records import OptionStudy
@@ -43,7 +44,9 @@ def mode_shapes(option: OptionStudy) -> Chart | None:
 
 
 def _chosen(modes: Modes) -> list[int]:
+    size = np.abs(modes.s)
     moves = np.max(np.abs(modes.shapes), axis=0) > 0.0
+    moves &= worth_drawing(size, modes.s.real / np.maximum(size, 1e-300))
     order = np.argsort(-modes.s.real, kind="stable")
     oscillating = [int(k) for k in order if moves[k] and (modes.s[k].imag > 0.0 or modes.s[k].real > 0.0)]
     return oscillating[:MOST_SHAPES]

@@ -55,9 +55,14 @@ def report_model(comparison: Comparison) -> Report:
     sections += [_method(comparison), _provenance(comparison), _scenario(comparison)]
     version = dict(comparison.versions).get("maglev-ctrl", __version__)
     return Report(
-        comparison.title, comparison.description.strip(), comparison.created, comparison.scenario_hash, version,
+        comparison.title, _flowing(comparison.description), comparison.created, comparison.scenario_hash, version,
         tuple(sections),
     )  # fmt: skip
+
+
+def _flowing(text: str) -> str:
+    """Paragraphs without the line breaks of the file they were typed in."""
+    return "\n\n".join(" ".join(part.split()) for part in text.strip().split("\n\n"))
 
 
 def _summary(comparison: Comparison) -> Section:
@@ -97,10 +102,16 @@ def _verdict_matrix(comparison: Comparison) -> TableBlock:
         judged = {r.name: r.verdict for r in option.requirements}
         found = [cell(judged[name]) if name in judged else Cell("not asked") for name in names]
         rows.append((Cell(option.label), *found, cell(option.verdict)))
+    heads = ("Option", *(_breakable(name) for name in names), "Overall")
     return TableBlock(
         "Verdicts of every option on every requirement: ✓ PASS, ✗ FAIL, ? NOT EVALUATED",
-        ("Option", *names, "Overall"), tuple(rows), (1.6, *(1.0 for _ in names), 1.0), small=True,
+        heads, tuple(rows), (1.6, *(1.0 for _ in names), 1.0), small=True,
     )  # fmt: skip
+
+
+def _breakable(name: str) -> str:
+    """A requirement's name that may break after its underscores."""
+    return name.replace("_", "_\N{ZERO WIDTH SPACE}")
 
 
 def _value_table(comparison: Comparison) -> TableBlock:
@@ -118,7 +129,7 @@ def _value_table(comparison: Comparison) -> TableBlock:
         rows.append(row(label, *texts))
     return TableBlock(
         f"Values of every requirement's quantity, in brackets the change from {base.label}",
-        ("Option", *names), tuple(rows), (1.6, *(1.0 for _ in names)), small=True,
+        ("Option", *(_breakable(name) for name in names)), tuple(rows), (1.6, *(1.0 for _ in names)), small=True,
     )  # fmt: skip
 
 

@@ -176,8 +176,8 @@ def _multi_loop_words(disk: DiskMargin) -> str:
     replayed = "the replay puts a pole on the axis" if disk.verified else "not confirmed by a replay"
     return (
         f"All channels at once: disk margin {ALPHA} between bounds {bounds} ({disk.agreement.value}; {replayed}). "
-        f"Every channel may change at the same time by any gain between {number(low, 'dB')} and {number(high, 'dB')}, or by "
-        f"{number(disk.phase, 'deg')} of phase."
+        f"Every channel may change at once by any gain between {number(low, 'dB')} and {number(high, 'dB')}, or "
+        f"by {number(disk.phase, 'deg')} of phase."
     )
 
 

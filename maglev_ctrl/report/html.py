@@ -8,7 +8,7 @@ from importlib.resources import files
 
 from maglev_ctrl.report.interactive import interactive, packed, plotly_script
 from maglev_ctrl.report.model import SIGNS, SLUGS, FigureBlock, Report, Table
-from maglev_ctrl.report.vector import themed
+from maglev_ctrl.report.vector import TAG, themed
 
 _STYLE = re.compile(r' style="([^"]*)"')
 
@@ -51,7 +51,7 @@ def _classed(svg: str, classes: dict[str, str]) -> str:
         style = match.group(1)
         return f' class="{classes.setdefault(style, f"s{len(classes)}")}"'
 
-    return _STYLE.sub(name, svg)
+    return TAG.sub(lambda tag: _STYLE.sub(name, tag.group()), svg)  # tags only: words may hold anything
 
 
 def _numbers(report: Report) -> dict[int, int]:

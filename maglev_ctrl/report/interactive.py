@@ -135,7 +135,8 @@ def _add(
             _add_rule(layout, item, suffix)
         case Heat():
             data.append({
-                "type": "heatmap", "x": _values(item.x), "y": _values(item.y), "z": [_values(row) for row in item.z],
+                "type": "heatmap", "x": _values(item.x), "y": _values(item.y),
+                "z": [_values(row, digits=3) for row in item.z],
                 "zmin": item.low, "zmax": item.high, "colorscale": "Viridis", "hoverongaps": False,
                 "colorbar": {"title": {"text": _plain(item.label), "side": "right"}, "thickness": 12},
                 "hovertemplate": "%{x}, %{y}<br>%{z}<extra></extra>", **axes,
@@ -207,9 +208,9 @@ def _faint(fill: str | None, opacity: float) -> str:
     return f"rgba({red},{green},{blue},{opacity:g})"
 
 
-def _values(values: FloatArray) -> list[float | None]:
-    """Numbers to five significant digits: what a screen can show; the exact values are in report.json."""
-    return [float(f"{value:.5g}") if math.isfinite(value) else None for value in np.asarray(values, dtype=float)]
+def _values(values: FloatArray, *, digits: int = 5) -> list[float | None]:
+    """Numbers to a few significant digits: what a screen can show; the exact values are in report.json."""
+    return [float(f"{value:.{digits}g}") if math.isfinite(value) else None for value in np.asarray(values, dtype=float)]
 
 
 def packed(value: Any) -> str:

@@ -13,10 +13,15 @@ from maglev_ctrl.report.style import FADED, GRID, INK, PAPER, RC
 
 _HEADER = re.compile(r"<\?xml.*?<svg", re.DOTALL)
 _METADATA = re.compile(r"<metadata>.*?</metadata>|<!--.*?-->", re.DOTALL)
-_GROUP_ID = re.compile(r'<g id="[^"]*"')
+TAG = re.compile(r"<[^<>]*>")  # words between tags are escaped, so a tag ends where it seems to end
+_GROUP_ID = re.compile(r'^<g id="[^"]*"')
+_UNTURNED = re.compile(r' transform="rotate\(-0 [^)]*\)"')
+_PATH = re.compile(r' d="([^"]*)"')
+_STEP = re.compile(r"\s*([MLCQz])\s*")
 _DECIMALS = re.compile(r"(\d\.\d{2})\d+")
-_SPACES = re.compile(r"\n\s*")
-_PATH_STYLE = re.compile(r"-miterlimit: 100000; ?")
+_LONG_DECIMALS = re.compile(r"(\d\.\d)\d+")
+_LONG = 200
+_TWINS = re.compile(r'<path d="([^"]*)" (style="[^"]*")/>\n<path d="([^"]*)" \2/>')
 
 
 def svg(chart: Chart) -> str:
@@ -28,10 +33,52 @@ def svg(chart: Chart) -> str:
     with matplotlib.rc_context({**RC, "svg.hashsalt": chart.key}):
         figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
     text = _METADATA.sub("", _HEADER.sub("<svg", stream.getvalue(), count=1))
-    text = _SPACES.sub("\n", _GROUP_ID.sub("<g", text))
-    head, *rest = re.split(r"(<image.*?/>|<text.*?</text>)", text, flags=re.DOTALL)
-    parts = [part if part.startswith(("<image", "<text")) else _DECIMALS.sub(r"\1", part) for part in (head, *rest)]
-    return "".join(parts).strip()
+    return _joined(_ungrouped(TAG.sub(_compact, text)))
+
+
+def _compact(tag: re.Match[str]) -> str:
+    """One tag without needless identifiers, turns by nothing, and digits no eye can see."""
+    text = tag.group()
+    if text.startswith("<image"):
+        return text
+    text = _UNTURNED.sub("", _GROUP_ID.sub("<g", text))
+    text = _PATH.sub(_short_path, text)
+    return _DECIMALS.sub(r"\1", text)
+
+
+def _short_path(match: re.Match[str]) -> str:
+    path = _STEP.sub(r"\1", match.group(1)).strip()
+    short = _LONG_DECIMALS.sub(r"\1", path) if len(path) > _LONG else path
+    return f' d="{short}"'
+
+
+def _ungrouped(text: str) -> str:
+    """Groups that carry nothing taken away, whatever stood in them kept."""
+    out: list[str] = []
+    open_groups: list[bool] = []
+    last = 0
+    for tag in TAG.finditer(text):
+        word = tag.group()
+        if word.startswith("<g"):
+            open_groups.append(word == "<g>")
+            dropped = open_groups[-1]
+        elif word == "</g>":
+            dropped = open_groups.pop()
+        else:
+            continue
+        out.append(text[last : tag.start()] + ("" if dropped else word))
+        last = tag.end()
+    out.append(text[last:])
+    return re.sub(r"\s*\n\s*", "\n", "".join(out)).strip()
+
+
+def _joined(text: str) -> str:
+    """Neighbouring strokes of one style (ticks, grid lines) as one path."""
+    while True:
+        joined = _TWINS.sub(r'<path d="\1\3" \2/>', text)
+        if joined == text:
+            return text
+        text = joined
 
 
 _FILL_INK: Final = ((INK, "--ink"), (GRID, "--grid"), (PAPER, "--paper"), (FADED, "--faded"))

@@ -23,7 +23,10 @@ from maglev_ctrl.report.content import report_model
 from maglev_ctrl.report.schema import SCHEMA
 from maglev_ctrl.study.records import Comparison
 
-HOSTILE = '<script>alert("x")</script> #panic("p") $x^2$ *b* _i_ @ref [c] \\ `r` {{ 7*7 }} %{x} & "q" \u2028'
+HOSTILE = (
+    '<script>alert("x")</script> #panic("p") $x^2$ *b* _i_ @ref [c] \\ `r` {{ 7*7 }} %{x} &'
+    ' "q" style="} body { display: none } p {" \u2028'
+)
 
 
 @pytest.fixture(scope="session")
@@ -229,6 +232,7 @@ def test_hostile_words_stay_words(comparison: Comparison, tmp_path: Path) -> Non
     assert "<script>alert" not in text
     assert _page(text).scripts == 3
     assert "{{ 7*7 }}" in text
+    assert "display: none }" not in "".join(re.findall(r"<style>(.*?)</style>", text, re.DOTALL))
     assert pdf.read_bytes().startswith(b"%PDF")
     assert json.loads(data.read_text(encoding="utf-8"))["title"] == HOSTILE
 
