@@ -81,11 +81,25 @@ def test_report_out_and_formats(scenario: Path, recorder: Recorder) -> None:
     assert recorder.written == [(Path("here/there"), ("json", "html"))]
 
 
-def test_compare_writes_nothing(scenario: Path, recorder: Recorder, capsys: pytest.CaptureFixture[str]) -> None:
-    before = sorted(scenario.parent.rglob("*"))
-    assert main(["compare", str(scenario)]) == 0
-    assert recorder.written == [] and sorted(scenario.parent.rglob("*")) == before
+def test_compare_prints_values_and_makes_no_pdf(
+    scenario: Path, recorder: Recorder, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["compare", str(scenario), "--out", "side/by/side"]) == 0
+    assert recorder.written == [(Path("side/by/side"), ("html", "json"))]
     assert "-0.5 1/s PASS" in capsys.readouterr().out
+
+
+def test_progress_is_told_to_a_pipe(scenario: Path, recorder: Recorder, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["report", str(scenario)])
+    assert "50 %  half" in capsys.readouterr().err
+
+
+def test_new_and_schema_write_where_they_are_told(tmp_path: Path) -> None:
+    folder = tmp_path / "a" / "b"
+    assert main(["new", "demo", "--out", str(folder)]) == 0
+    assert main(["check", str(folder / "demo.toml")]) == 0
+    assert main(["schema", "--out", str(folder)]) == 0
+    assert json.loads((folder / "scenario.schema.json").read_text(encoding="utf-8"))["title"] == "Scenario"
 
 
 def refused(arguments: list[str], capsys: pytest.CaptureFixture[str], folder: Path) -> str:
