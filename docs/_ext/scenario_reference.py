@@ -1,0 +1,198 @@
+"""The directive `scenario-reference`: every table and key of a scenario file, written from its JSON Schema."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+from docutils import nodes
+from sphinx.application import Sphinx
+from sphinx.util.docutils import SphinxDirective
+
+from maglev_ctrl.scenario import json_schema
+
+Schema = dict[str, Any]
+
+TITLES = {
+    "Operating": "[operating]",
+    "Sweeps": "operating.sweep",
+    "Periodic": "[periodic]",
+    "PeriodicMap": "periodic.map",
+    "OptionRecord": "[[option]]",
+    "SpringDamperRecord": "[[option.spring_damper]]",
+    "ActuatorRecord": "[[option.actuator]]",
+    "Car": "[vehicle.car]",
+    "Bogie": "[[vehicle.bogie]]",
+    "Secondary": "[vehicle.secondary]",
+    "Magnets": "[vehicle.magnets]",
+    "Aerodynamics": "[vehicle.aerodynamics]",
+    "Allowed": "option.control.allowed",
+}
+
+
+class ScenarioReference(SphinxDirective):
+    """Sections of tables, one per record of the schema, in the order in which a file meets them."""
+
+    has_content = False
+
+    def run(self) -> list[nodes.Node]:
+        """Build the sections."""
+        schema = json_schema()
+        records = schema["$defs"]
+        top = self.section("The file", schema, records)
+        return [top, *(self.section(title(name, records[name]), records[name], records) for name in in_order(schema))]
+
+    def section(self, heading: str, record: Schema, records: dict[str, Schema]) -> nodes.section:
+        """One record: what it is, and a table of its keys."""
+        anchor = nodes.make_id(f"scenario {heading}")
+        section = nodes.section(ids=[anchor])
+        section += nodes.title(heading, heading)
+        self.state.document.note_implicit_target(section, section)
+        for paragraph in record.get("description", "").split("\n\n"):
+            if paragraph.strip():
+                section += nodes.paragraph("", "", *words(paragraph.strip()))
+        required = set(record.get("required", ()))
+        rows = [
+            (key, value_words(prop, records), "required" if key in required else default_words(prop), meaning(prop))
+            for key, prop in record.get("properties", {}).items()
+        ]
+        section += key_table(rows)
+        return section
+
+
+def title(name: str, record: Schema) -> str:
+    """Heading of a record: the table it stands for in the file, with the choice that selects it."""
+    if name in TITLES:
+        return TITLES[name]
+    properties = record.get("properties", {})
+    if "quantity" in properties:
+        chosen = properties["quantity"]
+        values = [chosen["const"]] if "const" in chosen else chosen["enum"]
+        return f"[[requirement]] quantity = {', '.join(values)}"
+    for key in ("model", "law", "kind"):
+        if key in properties and "const" in properties[key]:
+            table = {"law": "[option.control]", "kind": "[[option.sensor]]"}.get(
+                key, "[forces]" if name.endswith("Forces") else "[vehicle]"
+            )
+            return f'{table} {key} = "{properties[key]["const"]}"'
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)
+
+
+def in_order(schema: Schema) -> list[str]:
+    """Names of the records, depth first from the top of the file."""
+    found: list[str] = []
+
+    def walk(part: Schema) -> None:
+        for name in references(part):
+            if name not in found:
+                found.append(name)
+                walk(schema["$defs"][name])
+
+    walk({key: value for key, value in schema.items() if key != "$defs"})
+    return found
+
+
+def references(part: object) -> Iterator[str]:
+    """Names of the records a part of the schema refers to, in order."""
+    if isinstance(part, dict):
+        for key, value in part.items():
+            if key == "$ref":
+                yield value.rsplit("/", 1)[-1]
+            elif key != "discriminator":
+                yield from references(value)
+    elif isinstance(part, list):
+        for item in part:
+            yield from references(item)
+
+
+def value_words(prop: Schema, records: dict[str, Schema]) -> str:
+    """What a key holds, in words."""
+    if "$ref" in prop:
+        return f"table {title(prop['$ref'].rsplit('/', 1)[-1], records[prop['$ref'].rsplit('/', 1)[-1]])}"
+    if "anyOf" in prop or "oneOf" in prop:
+        choices = [c for c in prop.get("anyOf", prop.get("oneOf", [])) if c.get("type") != "null"]
+        if len(choices) > 1 and all("$ref" in choice for choice in choices):
+            return "table, one of the kinds below"
+        return " or ".join(dict.fromkeys(value_words(choice, records) for choice in choices))
+    if "const" in prop:
+        return f"`{literal(prop['const'])}`"
+    if "enum" in prop:
+        return ", ".join(f"`{literal(value)}`" for value in prop["enum"])
+    if "x-dimension" in prop:
+        example = f", such as `{literal(prop['examples'][0])}`" if prop.get("examples") else ""
+        return f"{prop['x-dimension']}{example}"
+    if prop.get("type") == "array":
+        return f"list of: {value_words(prop.get('items', {}), records)}"
+    if isinstance(prop.get("additionalProperties"), dict):
+        return "table of texts"
+    return {"string": "text", "integer": "whole number", "number": "number", "boolean": "`true` or `false`"}.get(
+        prop.get("type", ""), "value"
+    )
+
+
+def default_words(prop: Schema) -> str:
+    """The default of a key, or that it may be left out."""
+    default = prop.get("default")
+    if default in (None, [], (), "", {}):
+        return "may be left out"
+    return f"`{literal(default)}`"
+
+
+def meaning(prop: Schema) -> str:
+    """The description of a key with its limits."""
+    limits = [
+        f"{word} {prop[key]:g}"
+        for key, word in (("minimum", "at least"), ("exclusiveMinimum", "above"), ("maximum", "at most"))
+        if key in prop
+    ]
+    return "; ".join([prop.get("description", ""), *limits] if prop.get("description") else limits)
+
+
+def literal(value: object) -> str:
+    """A value as the file writes it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return f'"{value}"'
+    if isinstance(value, list):
+        return "[" + ", ".join(literal(item) for item in value) + "]"
+    return str(value)
+
+
+def words(text: str) -> list[nodes.Node]:
+    """Text with `code` in backquotes."""
+    parts: list[nodes.Node] = []
+    for place, piece in enumerate(text.split("`")):
+        if piece:
+            parts.append(nodes.literal(piece, piece) if place % 2 else nodes.Text(piece))
+    return parts
+
+
+def key_table(rows: list[tuple[str, str, str, str]]) -> nodes.table:
+    """A table of keys."""
+    group = nodes.tgroup(cols=4)
+    for width in (16, 34, 18, 32):
+        group += nodes.colspec(colwidth=width)
+    head, body = nodes.thead(), nodes.tbody()
+    head += row_of([nodes.paragraph("", label) for label in ("Key", "Value", "Default", "Meaning")])
+    for key, value, default, told in rows:
+        cells = [nodes.paragraph("", "", nodes.literal(key, key))]
+        cells += [nodes.paragraph("", "", *words(text)) for text in (value, default, told)]
+        body += row_of(cells)
+    group += [head, body]
+    return nodes.table("", group)
+
+
+def row_of(cells: list[nodes.paragraph]) -> nodes.row:
+    """A table row."""
+    row = nodes.row()
+    for cell in cells:
+        row += nodes.entry("", cell)
+    return row
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Register the directive."""
+    app.add_directive("scenario-reference", ScenarioReference)
+    return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}
