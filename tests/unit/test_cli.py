@@ -99,7 +99,7 @@ def test_new_and_schema_write_where_they_are_told(tmp_path: Path) -> None:
     assert main(["new", "demo", "--out", str(folder)]) == 0
     assert main(["check", str(folder / "demo.toml")]) == 0
     assert main(["schema", "--out", str(folder)]) == 0
-    assert json.loads((folder / "scenario.schema.json").read_text(encoding="utf-8"))["title"] == "Scenario"
+    assert json.loads((folder / "scenario.schema.json").read_text(encoding="utf-8"))["title"] == "maglev-ctrl scenario"
 
 
 def refused(arguments: list[str], capsys: pytest.CaptureFixture[str], folder: Path) -> str:
