@@ -30,7 +30,7 @@ def read_only(value: ArrayLike, *, name: str, shape: tuple[int | None, ...] | No
     False
     """
     array = np.array(value, dtype=np.float64)
-    if shape is not None:
+    if shape is not None and array.shape != shape:
         tail = array.shape[-len(shape) :] if shape else ()
         fits = array.ndim >= len(shape) and all(
             want is None or want == got for want, got in zip(shape, tail, strict=True)
@@ -38,7 +38,7 @@ def read_only(value: ArrayLike, *, name: str, shape: tuple[int | None, ...] | No
         if not fits:
             expected = "(..., " + ", ".join("any" if s is None else str(s) for s in shape) + ")"
             raise ValueError(f"{name}: expected shape {expected}, got {array.shape}")
-    if not np.all(np.isfinite(array)):
+    if not np.isfinite(array).all():
         raise ValueError(f"{name}: every entry must be finite")
     array.flags.writeable = False
     return array
@@ -79,5 +79,7 @@ def join_rows(blocks: list[FloatArray]) -> FloatArray:
 
 
 def _join(blocks: list[FloatArray], *, axis: int) -> FloatArray:
+    if all(block.ndim == 2 for block in blocks):
+        return np.concatenate(blocks, axis=axis)
     batch = np.broadcast_shapes(*(block.shape[:-2] for block in blocks))
     return np.concatenate([np.broadcast_to(block, batch + block.shape[-2:]) for block in blocks], axis=axis)

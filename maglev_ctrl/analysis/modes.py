@@ -247,15 +247,24 @@ def mode_labels(system: SecondOrderSystem, share: FloatArray) -> tuple[str, ...]
     """
     by_dof = _by_coordinate(system, share, normalise=False)
     inner = share[len(share) - len(system.internal) :]
-    labels = []
-    for k in range(share.shape[1]):
-        own_internal = np.sum(inner[:, k]) > np.sum(by_dof[:, k])
-        names, weights = (system.internal, inner[:, k]) if own_internal else (system.dofs, by_dof[:, k])
-        # Shares equal to a tenth keep the order of the coordinates, so that twins are named alike.
-        order = np.argsort(-np.round(weights / max(float(np.max(weights)), np.finfo(float).tiny), 1), kind="stable")
-        leading = [i for i in order if weights[i] >= NAMED_SHARE * weights[order[0]]][:LABEL_LENGTH]
-        labels.append(" / ".join(names[i].replace(".", " ") for i in leading))
-    return tuple(labels)
+    from_inside = np.sum(inner, axis=0) > np.sum(by_dof, axis=0)
+    by_freedom, by_inner = _leading(system.dofs, by_dof), _leading(system.internal, inner)
+    return tuple(own if inside else outer for own, outer, inside in zip(by_inner, by_freedom, from_inside, strict=True))
+
+
+def _leading(names: tuple[str, ...], weights: FloatArray) -> list[str]:
+    """The names that weigh most in each mode, from weights (names, m)."""
+    if not names:
+        return [""] * weights.shape[1]
+    # Shares equal to a tenth keep the order of the coordinates, so that twins are named alike.
+    tenths = np.round(weights / np.maximum(np.max(weights, axis=0), np.finfo(float).tiny), 1)
+    order = np.argsort(-tenths, axis=0, kind="stable")
+    ranked = np.take_along_axis(weights, order, axis=0)
+    named = ranked >= NAMED_SHARE * ranked[0]
+    return [
+        " / ".join(names[i].replace(".", " ") for i in order[named[:, k], k][:LABEL_LENGTH])
+        for k in range(weights.shape[1])
+    ]
 
 
 def unique_labels(labels: tuple[str, ...]) -> tuple[str, ...]:

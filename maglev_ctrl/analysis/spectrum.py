@@ -146,13 +146,13 @@ def _discs(s: ComplexArray, condition: FloatArray, perturbation: float, unit: fl
     norm = perturbation / unit
     # An eigenvalue of Jordan size k moves like the k-th root of the perturbation; k is not known, so it is the
     # smallest size that equals the number of eigenvalues within such a radius (else the largest not above it).
-    caps, fallback = np.full(len(s), np.inf), np.full(len(s), np.inf)
-    for k in range(len(s), 1, -1):
-        radius = norm * unit ** (1.0 / k)
-        count = np.sum(distance <= radius, axis=1)
-        caps = np.where(count == k, radius, caps)
-        fallback = np.where((count > k) & np.isinf(fallback), radius, fallback)
-    caps = np.where(np.isinf(caps), fallback, caps)
+    size = np.arange(len(s), 1, -1)
+    radius = norm * unit ** (1.0 / size)
+    count = np.sum(distance <= radius[:, None, None], axis=2)
+    exact, above = count == size[:, None], count > size[:, None]
+    within = np.min(np.where(exact, radius[:, None], np.inf), axis=0, initial=np.inf)
+    largest = np.max(np.where(above, radius[:, None], 0.0), axis=0, initial=0.0)
+    caps = np.where(np.isfinite(within), within, np.where(largest > 0.0, largest, np.inf))
     discs = np.minimum(SAFETY * perturbation * condition, np.maximum(caps, SAFETY * perturbation))
     return discs, _connected(distance <= discs[:, None] + discs[None, :])
 

@@ -64,14 +64,17 @@ class Domain:
 
 
 def _require(name: str, value: ArrayLike, span: tuple[float, float], unit: str) -> None:
-    values = np.atleast_1d(np.asarray(value, dtype=np.float64))
+    values = np.asarray(value, dtype=np.float64)
     slack = [EDGE_TOLERANCE * abs(end) if np.isfinite(end) else 0.0 for end in span]
+    # Not a number is never inside.
+    if span[0] - slack[0] <= values.min(initial=np.inf) and values.max(initial=-np.inf) <= span[1] + slack[1]:
+        return
+    values = np.atleast_1d(values)
     outside = ~((values >= span[0] - slack[0]) & (values <= span[1] + slack[1]))
-    if np.any(outside):
-        worst = values[outside].flat[0]
-        raise OutOfDomain(
-            f"{name} {worst:.10g} {unit} is outside the model's range {span[0]:.10g} to {span[1]:.10g} {unit}"
-        )
+    worst = values[outside].flat[0]
+    raise OutOfDomain(
+        f"{name} {worst:.10g} {unit} is outside the model's range {span[0]:.10g} to {span[1]:.10g} {unit}"
+    )
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -93,7 +96,9 @@ class MagnetForces:
 
     def __post_init__(self) -> None:
         parts = [np.asarray(getattr(self, name), dtype=np.float64) for name in ("lift", "guidance", "drag")]
-        shape = np.broadcast_shapes(*(part.shape for part in parts))
+        shape = parts[0].shape
+        if not shape == parts[1].shape == parts[2].shape:
+            shape = np.broadcast_shapes(*(part.shape for part in parts))
         for name, part in zip(("lift", "guidance", "drag"), parts, strict=True):
             object.__setattr__(self, name, _settled(part, shape=shape, name=name))
 

@@ -163,8 +163,8 @@ class SecondOrderSystem:
         for label, group in (
             ("dofs", names), ("internal", internal), ("inputs", inputs), ("guideway", guideway), ("outputs", outputs)
         ):  # fmt: skip
-            doubled = sorted({x for x in group if group.count(x) > 1})
-            if doubled:
+            if len(set(group)) < len(group):
+                doubled = sorted({x for x in group if group.count(x) > 1})
                 raise ValueError(f"{label}: name used twice: {', '.join(doubled)}")
         if len(names) != n:
             raise ValueError(f"dofs: expected {n} names, got {len(names)}")
@@ -198,12 +198,15 @@ class SecondOrderSystem:
 
     def acceleration_rows(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """q'' = X x + U u + W [w; w'] with x the state vector; the three matrices (..., n, *)."""
-        kept = list(self.positions)
-        rows = [-self.K[..., kept], -self.C, self.F]
-        X: FloatArray = np.linalg.solve(self.M, join_columns(rows)).astype(np.float64)
+        X = self._acceleration_by_state()
         U: FloatArray = np.linalg.solve(self.M, self.B).astype(np.float64)
         W: FloatArray = np.linalg.solve(self.M, join_columns([self.K_w, self.C_w])).astype(np.float64)
         return X, U, W
+
+    def _acceleration_by_state(self) -> FloatArray:
+        kept = list(self.positions)
+        rows = [-self.K[..., kept], -self.C, self.F]
+        return np.linalg.solve(self.M, join_columns(rows)).astype(np.float64)
 
     def state_matrix(self) -> FloatArray:
         """A of x' = A x with x = [positions, velocities, internal states]; (..., nx, nx).
@@ -215,7 +218,7 @@ class SecondOrderSystem:
         """
         kept = list(self.positions)
         n, n_q, n_xi = len(self.dofs), len(kept), len(self.internal)
-        X, _, _ = self.acceleration_rows()
+        X = self._acceleration_by_state()
         top = np.zeros((n_q, n_q + n + n_xi))
         for row, column in enumerate(kept):
             top[row, n_q + column] = 1.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,6 +35,19 @@ class MagnetField:
     drag_direction: FloatArray
     jacobian: FloatArray
     motion: FloatArray
+
+    def scaled(self, factor: float) -> MagnetField:
+        """The same magnets with all their forces and partials times a factor."""
+        return replace(
+            self,
+            lift=factor * self.lift,
+            guidance=factor * self.guidance,
+            drag=factor * self.drag,
+            force=factor * self.force,
+            by_position=factor * self.by_position,
+            by_velocity=factor * self.by_velocity,
+            drag_direction=factor * self.drag_direction,
+        )
 
 
 def magnet_field(

@@ -12,7 +12,7 @@ from maglev_ctrl.arrays import FloatArray, read_only, read_only_any
 from maglev_ctrl.errors import ModelError, OutOfDomain
 from maglev_ctrl.forces.base import MagnetForces
 from maglev_ctrl.vehicle.kinematics import stance, stroke_between
-from maglev_ctrl.vehicle.loads import longitudinal_thrust, magnet_field, net_force, other_forces
+from maglev_ctrl.vehicle.loads import MagnetField, longitudinal_thrust, magnet_field, net_force, other_forces
 from maglev_ctrl.vehicle.operating import Equilibrium, Hold, OperatingPoint, Posture
 from maglev_ctrl.vehicle.structure import structure
 from maglev_ctrl.vehicle.tangent import tangent_stiffness
@@ -72,10 +72,14 @@ def equilibrium(
     )
     level = replace(level, static_forces=_carried_loads(vehicle, level))
     if hold == "strength":
-        return _record(vehicle, at, hold, _solve(vehicle, at, level))
+        solved = _solve(vehicle, at, level)
+        return _record(vehicle, at, hold, solved, _static_field(vehicle, solved))
+    field = _static_field(vehicle, level)
     if hold == "height" and vehicle.magnets:
-        level = replace(level, strength=_trim(vehicle, level))
-    return _record(vehicle, at, hold, _with_support(vehicle, _with_thrust(vehicle, level)))
+        strength = _trim(vehicle, level, field)
+        level, field = replace(level, strength=strength), field.scaled(strength)
+    thrusting = replace(level, thrust=longitudinal_thrust(vehicle, level, field.drag))
+    return _record(vehicle, at, hold, _with_support(vehicle, thrusting, field), field)
 
 
 def _dead_loads(vehicle: Vehicle, loads: Mapping[str, float]) -> FloatArray:
@@ -89,9 +93,12 @@ def _dead_loads(vehicle: Vehicle, loads: Mapping[str, float]) -> FloatArray:
     return found
 
 
-def _trim(vehicle: Vehicle, level: Posture) -> float:
+def _static_field(vehicle: Vehicle, posture: Posture) -> MagnetField:
+    return magnet_field(vehicle, posture, stance(vehicle, posture.displacement), partials=False)
+
+
+def _trim(vehicle: Vehicle, level: Posture, field: MagnetField) -> float:
     """Common factor on the magnets' forces that makes the lift carry the weight and the vertical dead loads."""
-    field = magnet_field(vehicle, level, stance(vehicle, level.displacement), partials=False)
     lift = float(np.sum(field.lift))
     heave = [i for i, name in enumerate(vehicle.dofs) if name.endswith(".heave")]
     weight = vehicle.mass * vehicle.gravity - float(np.sum(level.loads[heave]))
@@ -140,18 +147,17 @@ def _without_magnets(vehicle: Vehicle, level: Posture) -> FloatArray:
 
 
 def _with_thrust(vehicle: Vehicle, posture: Posture) -> Posture:
-    field = magnet_field(vehicle, posture, stance(vehicle, posture.displacement), partials=False)
-    return replace(posture, thrust=longitudinal_thrust(vehicle, posture, field.drag))
+    return replace(posture, thrust=longitudinal_thrust(vehicle, posture, _static_field(vehicle, posture).drag))
 
 
-def _with_support(vehicle: Vehicle, posture: Posture) -> Posture:
+def _with_support(vehicle: Vehicle, posture: Posture, field: MagnetField | None = None) -> Posture:
     """Bodies held by coefficient elements alone: the elements carry what is left there."""
     if vehicle.magnets or not vehicle.coefficient_elements:
         return posture
     held = {element.body for element in vehicle.coefficient_elements}
     rows = [i for i, name in enumerate(vehicle.dofs) if name.rsplit(".", 1)[0] in held]
     loads = posture.loads.copy()
-    loads[rows] -= net_force(vehicle, posture)[rows]
+    loads[rows] -= net_force(vehicle, posture, field=field)[rows]
     return replace(posture, loads=loads)
 
 
@@ -228,8 +234,7 @@ def _at(vehicle: Vehicle, level: Posture, displacement: FloatArray) -> Posture:
     return _with_thrust(vehicle, replace(level, displacement=displacement, static_forces=static))
 
 
-def _record(vehicle: Vehicle, at: OperatingPoint, hold: Hold, posture: Posture) -> Equilibrium:
-    field = magnet_field(vehicle, posture, stance(vehicle, posture.displacement), partials=False)
+def _record(vehicle: Vehicle, at: OperatingPoint, hold: Hold, posture: Posture, field: MagnetField) -> Equilibrium:
     return Equilibrium(
         at=at,
         hold=hold,
