@@ -33,7 +33,7 @@ def svg(chart: Chart) -> str:
     with matplotlib.rc_context({**RC, "svg.hashsalt": chart.key}):
         figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
     text = _METADATA.sub("", _HEADER.sub("<svg", stream.getvalue(), count=1))
-    return _joined(_ungrouped(TAG.sub(_compact, text)))
+    return _joined(without_empty_groups(TAG.sub(_compact, text)))
 
 
 def _compact(tag: re.Match[str]) -> str:
@@ -52,14 +52,16 @@ def _short_path(match: re.Match[str]) -> str:
     return f' d="{short}"'
 
 
-def _ungrouped(text: str) -> str:
+def without_empty_groups(text: str) -> str:
     """Groups that carry nothing taken away, whatever stood in them kept."""
     out: list[str] = []
     open_groups: list[bool] = []
     last = 0
     for tag in TAG.finditer(text):
         word = tag.group()
-        if word.startswith("<g"):
+        if word == "<g/>":
+            dropped = True
+        elif word.startswith("<g") and not word.endswith("/>"):
             open_groups.append(word == "<g>")
             dropped = open_groups[-1]
         elif word == "</g>":

@@ -13,7 +13,7 @@ from maglev_ctrl.report.draw import draw
 from maglev_ctrl.report.geometry import boxes, corners, displacement, motion
 from maglev_ctrl.report.interactive import interactive
 from maglev_ctrl.report.style import MINUS, PALETTE, number, tick_text
-from maglev_ctrl.report.vector import svg, themed
+from maglev_ctrl.report.vector import svg, themed, without_empty_groups
 from maglev_ctrl.vehicle import Body, Vehicle
 
 
@@ -51,6 +51,22 @@ def test_svg_is_the_same_every_time_and_unique_to_its_key() -> None:
     assert svg(_chart()) == svg(_chart())
     ids = [{part.split('"')[0] for part in svg(c).split(' id="')[1:]} for c in (_chart(), replace(_chart(), key="b"))]
     assert not ids[0] & ids[1]
+
+
+def test_svg_is_well_formed_even_where_nothing_is_drawn() -> None:
+    from xml.etree import ElementTree
+
+    nothing = Line(np.array([np.nan, np.nan]), np.array([np.nan, np.nan]), "gone")
+    outside = Marks(np.array([9.0]), np.array([9.0]), "square", "outside")
+    limits = (0.0, 1.0)
+    empty = Panel((nothing, outside), Axis("x (m)", limits=limits), Axis("y (m)", limits=limits))
+    for chart in (_chart(), Chart("empty", "caption", "alt", (empty,))):
+        assert ElementTree.fromstring(svg(chart)).tag.endswith("svg")
+
+
+def test_groups_go_in_pairs() -> None:
+    text = '<svg><g/><g><g clip="c"><path/></g></g></svg>'
+    assert without_empty_groups(text) == '<svg><g clip="c"><path/></g></svg>'
 
 
 def test_markup_in_words_is_escaped() -> None:
