@@ -28,4 +28,5 @@ def largest_feeder(system: SecondOrderSystem, ledger: Ledger, *, mode: int) -> t
         return None
     shares = {name: float(np.sum(total[members])) for name, members in ledger_groups(system, ledger).items()}
     name = max(shares, key=lambda group: shares[group])
-    return (name, shares[name]) if shares[name] > 0.0 else None
+    rounding = 1e-9 * sum(abs(share) for share in shares.values())
+    return (name, shares[name]) if shares[name] > rounding else None

@@ -117,7 +117,8 @@ def _add(
             data.append({
                 "type": "bar", "orientation": "h", "y": _values(item.position), "x": _values(item.length),
                 "base": _values(item.start), "width": item.thickness,
-                "marker": {"color": item.colour, "pattern": {"shape": "/" if item.hatched else "", "fillmode": "overlay",
+                "marker": {"color": item.colour,
+                           "pattern": {"shape": "/" if item.hatched else "", "fillmode": "overlay",
                             "fgcolor": "#ffffff",
                                                              "size": 6}},
                 **_named(item.label, seen), **_hover(panel, item.label, item.hover), **axes,
