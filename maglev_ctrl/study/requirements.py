@@ -199,6 +199,9 @@ def _boundary_margin(parameter: str, *, relative: bool) -> Callable[[Evidence, s
         value = evidence.design_values[parameter]
         if not sweep.boundaries.lower <= value <= sweep.boundaries.upper:
             return missing(f"the design {parameter} lies outside its sweep")
+        doubt = _resolved(evidence.modes)
+        if doubt:
+            return missing(f"at the design point: {doubt}")
         if not evidence.modes.stable:
             return Finding(0.0, "design point", EIGENVALUES, "not stable at the design point")
         margin = margin_to_boundary(sweep.boundaries, value)
