@@ -1,4 +1,4 @@
-"""The scenarios of the paper's examples find what theory says they must: v*, the false flutter band, none with true kinematics.
+"""The scenarios find what theory says they must: v*, the false flutter band, none with true kinematics, tongues.
 
 Values: corrected equations of the paper (the errata), Secs. 2.1 and 3.3.
 """
@@ -11,12 +11,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from maglev_ctrl.analysis.floquet import Floquet, floquet
 from maglev_ctrl.analysis.modes import ModeKind, modes
+from maglev_ctrl.errors import Agreement
+from maglev_ctrl.guideway import passing_frequency
 from maglev_ctrl.scenario import Scenario, load
 from maglev_ctrl.study.situation import OptionModel, Situation
 from maglev_ctrl.study.sweeps import sweep, sweep_values, varied
+from maglev_ctrl.systems import modulate
+from maglev_ctrl.vehicle import linearize, stiffness_modulation
 
-PAPER = Path(__file__).resolve().parents[2] / "scenarios/paper"
+LIBRARY = Path(__file__).resolve().parents[2] / "scenarios"
+PAPER = LIBRARY / "paper"
 V_STAR = 55.76556404461478  # (m w g / 2 K_a)^(1/3), exact for heave and surge together
 BAND = (17.24, 22.30)  # mm, given to two decimals
 BAND_TOLERANCE = 0.01  # mm
@@ -107,3 +113,53 @@ def test_the_false_flutter_is_named_coupled_mode_flutter() -> None:
     squared = -(found.s[found.kind.index(ModeKind.COUPLED_MODE_FLUTTER)] ** 2)
     assert squared.real == pytest.approx(1533.0, abs=0.5)
     assert abs(squared.imag) == pytest.approx(281.0, abs=0.5)
+
+
+def test_a_damper_feeds_the_false_flutter_and_calms_the_true_vehicle() -> None:
+    """Ziegler's paradox needs a circulatory matrix; the corner's field has none."""
+    for file, growing in (("double_l_paper_kinematics.toml", True), ("double_l.toml", False)):
+        scenario = load(PAPER / file)
+        record = next(one for one in scenario.options if one.name == "both_dampers")
+        found = modes(OptionModel(scenario, record).plant(Situation.of_design(scenario)))
+        assert (found.spectral_abscissa > 0.0) == growing
+
+
+def girders(option: str, speed: float, depth: float) -> Floquet:
+    """One option of the girder study at a speed and a depth of modulation."""
+    scenario = load(LIBRARY / "periodic/girder_passing.toml")
+    record = next(one for one in scenario.options if one.name == option)
+    vehicle, balanced = OptionModel(scenario, record).balance(varied(Situation.of_design(scenario), "speed", speed))
+    K_cos, K_sin = stiffness_modulation(vehicle, balanced, wavelength=24.768, harmonics=(1.0,))
+    plant = linearize(vehicle, balanced)
+    return floquet(modulate(plant, depth * K_cos, depth * K_sin, frequency=passing_frequency(speed, 24.768)))
+
+
+@pytest.fixture(scope="module")
+def girder_modes() -> dict[str, float]:
+    """Natural frequencies of the bare vehicle by hand, rad/s: symmetric and antisymmetric pairs of bogies."""
+    primary, secondary, bogie, half = 30e3 * 9.80665 / 0.1 / 2.0, 300e3, 6e3, 8.0
+    found = {}
+    for name, inertia in (("heave", 18e3 / 2.0), ("pitch", 8.86e5 / (2.0 * half**2))):
+        K = np.array([[secondary / inertia, -secondary / inertia],
+                      [-secondary / bogie, (primary + secondary) / bogie]])  # fmt: skip
+        low, high = np.sqrt(np.sort(np.linalg.eigvals(K).real))
+        found[f"car {name}"], found[f"bogies in {name}"] = float(low), float(high)
+    return found
+
+
+def test_girders_shake_the_vehicle_where_the_sum_of_two_frequencies_passes(girder_modes: dict[str, float]) -> None:
+    """v = L (w_i + w_j) / 2 pi. Thresholds follow from Floquet theory; here only their order is asked for."""
+    bogies = 24.768 * (girder_modes["bogies in heave"] + girder_modes["bogies in pitch"]) / (2.0 * math.pi)
+    car = 24.768 * (girder_modes["car heave"] + girder_modes["car pitch"]) / (2.0 * math.pi)
+    assert 100 / 3.6 < car < bogies < 550 / 3.6  # both lie inside the operating range
+    for speed, option, stable in (
+        (bogies, "weak_windings", False),
+        (1.06 * bogies, "weak_windings", True),  # the mutant of the formula: 6 per cent off, nothing resonates
+        (bogies, "windings", True),
+        (car, "weak_windings", False),
+        (car, "windings_and_dampers", True),
+    ):
+        found = girders(option, speed, 0.10)
+        assert found.agreement is Agreement.AGREED
+        assert found.stable is stable, f"{option} at {speed * 3.6:.1f} km/h: {found.growth_rate}"
+    assert girders("windings", car, 0.20).stable is False  # twice the depth is required: this option fails there
