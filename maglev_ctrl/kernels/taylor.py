@@ -1,8 +1,9 @@
 """Taylor propagators of x' = [A_0 + depth * sum_k (A_cos[k] cos k W t + A_sin[k] sin k W t)] x over one period.
 
-All segments and all depths of one system are integrated together: the Taylor recurrence needs one tall matrix product
-[A_0, A_cos, A_sin] (n, 3 n) times (3 n, depths * segments * n) per order, with only the columns of the state that the
-modulation reads. Order and segment count follow from a scalar majorant, so the truncation error is known beforehand.
+Many segments and depths of one system are values of one polynomial (see `segments`). Where that would need too many
+terms they are integrated together: the Taylor recurrence needs one tall matrix product [A_0, A_cos, A_sin] (n, 3 n)
+times (3 n, depths * segments * n) per order, with only the columns of the state that the modulation reads. Order and
+segment count follow from a scalar majorant, so the truncation error is known beforehand.
 """
 
 from __future__ import annotations
@@ -13,15 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_ctrl.arrays import FloatArray
+from maglev_ctrl.kernels.segments import count_monomials, degree_for, monomials, segment_coefficients
 
 _STEP = 4.0  # norm of the generator times the segment length: larger costs digits, smaller costs segments
 _MAX_ORDER = 48
+_WORTHWHILE = 0.7  # an expansion in the modulation may have this many terms per propagator wanted
 _CHUNK = 1024  # columns integrated at once, so that the Taylor history stays in the cache
 
 
 @dataclass(frozen=True, slots=True)
 class TaylorPlan:
-    """Segments per period, Taylor order, and a bound on the truncation error of each segment's propagator."""
+    """Segments per period, Taylor order, and a bound on the truncation error of each segment's propagator.
+
+    Half of `truncation` belongs to the series in time, half to one in the modulation where that is used.
+    """
 
     segments: int
     order: int
@@ -68,9 +74,9 @@ def _plan(norm_0: float, norms: FloatArray, *, frequency: float, segments: int, 
     for m in range(_MAX_ORDER):
         coefficients[m + 1] = generator[: m + 1] @ coefficients[m::-1] / (m + 1)
     tails = np.cumsum(coefficients[::-1])[::-1]
-    fits = np.nonzero(tails[1:] <= tolerance)[0]
+    fits = np.nonzero(2.0 * tails[1:] <= tolerance)[0]
     order = max(4, int(fits[0])) if len(fits) else _MAX_ORDER - 1
-    return TaylorPlan(segments, order, float(tails[order + 1]))
+    return TaylorPlan(segments, order, float(2.0 * tails[order + 1]))
 
 
 def propagators_over_depths(
@@ -92,6 +98,28 @@ def propagators_over_depths(
     >>> bool(abs(np.prod(X) - np.exp(-2 * np.pi)) < 1e-15)
     True
     """
+    depths = np.asarray(depths, dtype=np.float64)
+    jobs = len(depths) * plan.segments
+    step = 2.0 * np.pi / (frequency * plan.segments)
+    largest = float(np.max(np.abs(depths), initial=0.0))
+    degree = degree_for(A_0, A_cos, A_sin, step=step, depth=largest, tolerance=0.5 * plan.truncation)
+    if degree is None or count_monomials(2 * len(A_cos), degree) > _WORTHWHILE * jobs:
+        return _one_by_one(A_0, A_cos, A_sin, frequency=frequency, depths=depths, plan=plan)
+    n, basis = A_0.shape[-1], monomials(2 * len(A_cos), degree)
+    coefficients = segment_coefficients(
+        A_0, A_cos, A_sin, basis, step=step, frequency=frequency, order=plan.order
+    )  # fmt: skip
+    angle = 2.0 * np.pi * np.arange(plan.segments)[:, None] / plan.segments * np.arange(1, len(A_cos) + 1)
+    turning = np.stack([np.cos(angle), np.sin(angle)], axis=-1).reshape(plan.segments, -1)
+    values = basis.values((depths[:, None, None] * turning).reshape(jobs, -1))
+    joined = values @ coefficients.reshape(len(coefficients), -1)
+    return np.asarray(joined.reshape(len(depths), plan.segments, n, n))
+
+
+def _one_by_one(
+    A_0: FloatArray, A_cos: FloatArray, A_sin: FloatArray, *, frequency: float, depths: FloatArray, plan: TaylorPlan
+) -> FloatArray:
+    """The propagators where every segment and depth is integrated for itself."""
     n, count, segments = A_0.shape[-1], len(depths), plan.segments
     stacked, read_cos, read_sin = _stack(A_0, A_cos, A_sin)
     start = 2.0 * np.pi * np.arange(segments) / segments
