@@ -106,9 +106,9 @@ def _stacked_shares(system: SecondOrderSystem) -> list[FloatArray]:
     stacked = []
     for key in ("M", "C", "K", "F"):
         total = getattr(system, key)
-        parts = np.stack([getattr(share, key) for share in system.contributions])
-        missing = np.abs(total - np.sum(parts, axis=0))
-        if np.any(missing > 1e-9 * (np.abs(total) + np.sum(np.abs(parts), axis=0))):
+        parts = np.array([getattr(share, key) for share in system.contributions])
+        missing = np.abs(total - parts.sum(axis=0))
+        if (missing > 1e-9 * (np.abs(total) + np.abs(parts).sum(axis=0))).any():
             raise ModelError(f"contributions: they do not add up to {key}; largest difference {np.max(missing):.3g}")
         stacked.append(parts)
     return stacked

@@ -111,8 +111,10 @@ class MagnetForces:
 def _settled(part: FloatArray, *, shape: tuple[int, ...], name: str) -> FloatArray:
     """A read-only array of the shape; one that already is, and owns its data, is shared and not copied."""
     if part.shape != shape:
-        part = np.broadcast_to(part, shape)
-    elif part.base is None and not part.flags.writeable:
+        spread = np.empty(shape)
+        spread[...] = part
+        return read_only(spread, name=name)
+    if part.base is None and not part.flags.writeable:
         return part
     return read_only(part, name=name)
 
