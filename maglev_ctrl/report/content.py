@@ -143,6 +143,8 @@ def _value_and_change(result: RequirementResult, base: float, is_base: bool) -> 
 
 def _method(comparison: Comparison) -> Section:
     blocks: list[Block] = [Bullets(METHOD)]
+    if comparison.forces:
+        blocks += [Paragraph("Magnetic forces:"), Bullets(comparison.forces)]
     if comparison.assumptions:
         blocks += [Paragraph("Assumptions of this scenario:"), Bullets(comparison.assumptions)]
     if comparison.sources:

@@ -137,6 +137,7 @@ class Comparison:
     scenario_hash: str
     sources: tuple[tuple[str, str], ...]  # key, citation
     assumptions: tuple[str, ...]
+    forces: tuple[str, ...]  # the force model in words, with the residuals of a fitted table
     design_speed: float  # m/s
     design_height: float  # m
     options: tuple[OptionStudy, ...]

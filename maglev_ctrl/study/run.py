@@ -16,7 +16,8 @@ from importlib.metadata import PackageNotFoundError, version
 from threadpoolctl import threadpool_limits
 
 from maglev_ctrl._version import __version__
-from maglev_ctrl.scenario import OptionRecord, Scenario
+from maglev_ctrl.scenario import OptionRecord, Scenario, build_vehicle
+from maglev_ctrl.study.forces import describe_forces
 from maglev_ctrl.study.option import study_option
 from maglev_ctrl.study.records import Comparison, OptionStudy
 
@@ -60,6 +61,7 @@ def run(scenario: Scenario, *, jobs: int = 1, progress: Progress | None = None) 
         scenario_hash=scenario.hash,
         sources=tuple(sorted(scenario.sources.items())),
         assumptions=tuple(scenario.assumptions),
+        forces=describe_forces(scenario, build_vehicle(scenario)),
         design_speed=scenario.operating.speed,
         design_height=scenario.operating.height,
         options=tuple(studies[option.name] for option in options),
