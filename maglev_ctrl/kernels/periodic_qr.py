@@ -11,10 +11,11 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import lapack
 
 from maglev_ctrl.arrays import ComplexArray, FloatArray
 
-_GROUP = np.log(1e3)  # factors are multiplied together while the product is conditioned better than this
+_GROUP = 1e6  # factors are multiplied together while the product is conditioned better than this
 _SPREAD = np.log(1e3)  # a block may hold multipliers whose moduli differ by this factor
 _CLOSED = 1e-13
 
@@ -54,55 +55,103 @@ def periodic_multipliers(factors: FloatArray, *, max_sweeps: int = 300) -> Perio
     F = np.asarray(factors, dtype=np.float64)
     if F.ndim != 3 or F.shape[1] != F.shape[2]:
         raise ValueError(f"factors: expected shape (S, n, n), got {F.shape}")
-    grouped = _group(F)
+    grouped, sizes = _group(F)
     n = F.shape[-1]
-    basis = np.linalg.qr(np.random.default_rng(20).standard_normal((n, n)))[0]
+    basis = _first_basis(grouped)
     sweeps, narrow = 0, False
-    triangles, turn, bounds = [np.eye(n)], np.eye(n), [0, n]
+    triangles, turn, bounds = grouped, np.eye(n), [0, n]
     while sweeps < max_sweeps and not narrow:
         triangles, basis, turn = _sweep(grouped, basis)
         sweeps += 1
         bounds = [0, *(i for i in range(1, n) if np.linalg.norm(turn[i:, :i]) < _CLOSED), n]
-        logs = np.sum([np.log(np.abs(np.diag(R)) + 1e-300) for R in triangles], axis=0)
-        narrow = sweeps > 1 and all(np.ptp(logs[a:b]) <= _SPREAD for a, b in itertools.pairwise(bounds))
-    found: list[ComplexArray] = []
-    errors: list[FloatArray] = []
-    rounding = 4.0 * np.finfo(float).eps * np.sqrt(len(F)) * n
-    for a, b in itertools.pairwise(bounds):
-        block = _block_logs(triangles, turn, a, b)
-        found.append(block)
-        errors.append(rounding * np.exp(np.minimum(np.max(block.real) - block.real, 700.0)) * np.exp(_GROUP / 3.0))
+        logs = np.sum(np.log(np.abs(np.diagonal(triangles, axis1=1, axis2=2)) + 1e-300), axis=0)
+        narrow = all(np.ptp(logs[a:b]) <= _SPREAD for a, b in itertools.pairwise(bounds))
+    found = [_block_logs(triangles, turn, a, b) for a, b in itertools.pairwise(bounds)]
+    error = _relative_error(triangles, sizes, found, bounds)
     joined = np.concatenate(found)
     order = np.argsort(-joined.real, kind="stable")
-    return PeriodicMultipliers(joined[order], np.concatenate(errors)[order], sweeps, narrow)
+    return PeriodicMultipliers(joined[order], error[order], sweeps, narrow)
 
 
-def _group(factors: FloatArray) -> list[FloatArray]:
-    """Neighbouring factors multiplied together while the product stays well conditioned."""
-    singular = np.linalg.svd(factors, compute_uv=False)
-    spread = np.log(singular[:, 0]) - np.log(np.maximum(singular[:, -1], 1e-300))
-    groups: list[FloatArray] = []
-    held, budget = None, 0.0
-    for factor, cost in zip(factors, spread, strict=True):
-        if held is None or budget + cost > _GROUP:
-            if held is not None:
-                groups.append(held)
-            held, budget = factor, float(cost)
-        else:
-            held, budget = factor @ held, budget + float(cost)
-    return [*groups, held] if held is not None else groups
+def _relative_error(
+    triangles: FloatArray, sizes: FloatArray, found: list[ComplexArray], bounds: list[int]
+) -> FloatArray:
+    """Rounding of every multiplier: that of the groups against its diagonal entries, and the spread of its block.
+
+    A group is known to eps times its size; a direction whose length it changes by r_k is known to eps size / r_k.
+    """
+    n = triangles.shape[-1]
+    diagonal = np.maximum(np.abs(np.diagonal(triangles, axis1=1, axis2=2)), 1e-300)
+    rounding = 4.0 * np.finfo(float).eps * np.sqrt(n)
+    error = np.empty(n)
+    for block, (a, b) in zip(found, itertools.pairwise(bounds), strict=True):
+        smallest = np.min(diagonal[:, a:b], axis=1)
+        spread = np.exp(np.minimum(np.max(block.real) - block.real, 700.0))
+        error[a:b] = rounding * float(np.linalg.norm(sizes / smallest)) * spread
+    return error
 
 
-def _sweep(factors: list[FloatArray], start: FloatArray) -> tuple[list[FloatArray], FloatArray, FloatArray]:
-    """One pass: the triangles, the basis after the period, and that basis seen from the first one."""
-    basis, triangles = start, []
+def _group(factors: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Neighbouring factors multiplied together while every product stays well conditioned: (groups, n, n).
+
+    Beside each product stands a bound on its error over eps: F_2 F_1 inherits |F_2| e_1 + e_2 |F_1| and adds
+    |F_2| |F_1|, so that a product that cancels is known to be less sure than its size says.
+    """
+    levels = [(factors, _norms(factors))]
+    while len(levels[-1][0]) > 1:
+        last, error = levels[-1]
+        size, even = _norms(last), 2 * (len(last) // 2)
+        early, late, rest = slice(0, even, 2), slice(1, even, 2), slice(even, None)
+        joined = size[late] * size[early] + size[late] * error[early] + error[late] * size[early]
+        levels.append((np.concatenate([last[late] @ last[early], last[rest]]), np.concatenate([joined, error[rest]])))
+    return next((level for level in levels[:0:-1] if _well_conditioned(level[0])), levels[0])
+
+
+def _norms(factors: FloatArray) -> FloatArray:
+    """Upper bounds of the spectral norms: the root of the largest row sum times the largest column sum."""
+    size = np.abs(factors)
+    return np.asarray(np.sqrt(np.max(np.sum(size, axis=1), axis=1) * np.max(np.sum(size, axis=2), axis=1)))
+
+
+def _well_conditioned(factors: FloatArray) -> bool:
+    """Whether |F| |F^-1| (Frobenius, an upper bound of the condition) is small enough for every factor."""
+    try:
+        inverses = np.linalg.inv(factors)
+    except np.linalg.LinAlgError:
+        return False
+    with np.errstate(over="ignore", invalid="ignore"):
+        product = np.linalg.norm(factors, axis=(1, 2)) * np.linalg.norm(inverses, axis=(1, 2))
+    return bool(np.all(product <= _GROUP))
+
+
+def _first_basis(factors: FloatArray) -> FloatArray:
+    """An orthogonal basis near the invariant one: the eigenvectors of the explicit product, largest multiplier first.
+
+    The product knows nothing of multipliers far below the largest; the sweeps sort those out.
+    """
+    n = factors.shape[-1]
+    product = np.eye(n)
     for factor in factors:
-        basis, triangle = np.linalg.qr(factor @ basis)
-        triangles.append(triangle)
+        product = factor @ product
+        product = product / max(float(np.max(np.abs(product))), 1e-300)
+    blur = 1e-12 * np.random.default_rng(20).standard_normal((n, n))  # nothing is left out by an exact zero
+    values, vectors = np.linalg.eig(product)
+    order = np.argsort(-np.abs(values), kind="stable")
+    columns = np.where(values.imag < 0.0, vectors.imag, vectors.real)[:, order]
+    return np.asarray(np.linalg.qr(columns + blur)[0])
+
+
+def _sweep(factors: FloatArray, start: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """One pass: the triangles, the basis after the period, and that basis seen from the first one."""
+    basis, triangles = start, np.zeros_like(factors)
+    for factor, triangle in zip(factors, triangles, strict=True):
+        packed, tau, _, _ = lapack.dgeqrf(factor @ basis)
+        triangle[:] = np.triu(packed)
+        basis = lapack.dorgqr(packed, tau)[0]
     return triangles, basis, start.T @ basis
 
 
-def _block_logs(triangles: list[FloatArray], turn: FloatArray, a: int, b: int) -> ComplexArray:
+def _block_logs(triangles: FloatArray, turn: FloatArray, a: int, b: int) -> ComplexArray:
     """Complex logarithms of the eigenvalues of one diagonal block of the product."""
     product, log_scale = np.eye(b - a), 0.0
     for triangle in triangles:

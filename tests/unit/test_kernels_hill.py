@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from maglev_ctrl.kernels import hill_matrix, hill_pair, hill_spectrum
-from maglev_ctrl.kernels.hill import folded_distance
+from maglev_ctrl.kernels.hill import _amplitudes, _real_form, folded_distance
 
 
 def mathieu(a: float, q: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -82,3 +82,18 @@ def test_pair_returns_both_vectors() -> None:
     assert abs(value - spectrum.exponents[0]) < 1e-11
     assert residual < 1e-10
     assert np.linalg.norm(left.conj() @ matrix - value * left.conj()) < 1e-9
+
+
+def test_real_form_is_the_same_operator() -> None:
+    """Unitary change of basis: same spectrum, vectors that satisfy the complex problem; a swapped sign is caught."""
+    rng = np.random.default_rng(4)
+    A_0, cosine, sine = rng.standard_normal((3, 3)), rng.standard_normal((2, 3, 3)), rng.standard_normal((2, 3, 3))
+    matrix = hill_matrix(A_0, cosine, sine, frequency=1.3, harmonics=4)
+    real = _real_form(matrix, 3)
+    assert np.isclose(np.linalg.norm(real), np.linalg.norm(matrix), rtol=1e-14)
+    values, vectors = np.linalg.eig(real)
+    back = _amplitudes(vectors.T.reshape(-1, 9, 3)).reshape(-1, 27).T
+    assert np.max(np.abs(matrix @ back - back * values)) < 1e-12 * np.linalg.norm(matrix)
+    assert np.allclose(np.linalg.norm(back, axis=0), 1.0, rtol=1e-13)
+    mutant = _amplitudes(vectors.T.reshape(-1, 9, 3)[:, ::-1]).reshape(-1, 27).T
+    assert np.max(np.abs(matrix @ mutant - mutant * values)) > 1e-2

@@ -73,3 +73,23 @@ def test_order_of_factors_matters_mutant_is_caught() -> None:
 def test_wrong_shape_is_refused() -> None:
     with pytest.raises(ValueError, match="factors: expected shape"):
         periodic_multipliers(np.eye(3))
+
+
+@pytest.mark.parametrize("seed", [4, 5])
+def test_error_covers_factors_that_cancel(seed: int) -> None:
+    """Stretching and its inverse in turn: grouped products look harmless, what they lost is in the error told."""
+    rng = np.random.default_rng(seed)
+    factors = []
+    for _ in range(6):
+        basis, other = (np.linalg.qr(rng.standard_normal((3, 3)))[0] for _ in range(2))
+        stretch = basis @ np.diag([1e5, 1.0, 1e-4]) @ other
+        factors += [stretch, np.diag([1.3, 0.9, 0.8]) @ np.linalg.inv(stretch)]
+    found = periodic_multipliers(np.array(factors))
+    with mpmath.workdps(60):
+        product = mpmath.eye(3)
+        for factor in factors:
+            product = mpmath.matrix(factor.tolist()) * product
+        exact = sorted((float(mpmath.log(abs(x))) for x in mpmath.eig(product)[0]), reverse=True)
+    off = np.abs(found.logs.real - exact)
+    assert np.all(off <= found.error)
+    assert np.max(off) > 1e-12  # beyond what well conditioned factors would leave: the account is needed
