@@ -6,6 +6,7 @@ import logging
 import os
 import re
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,10 @@ os.environ["MATPLOTLIBRC"] = str(HERE / "matplotlibrc")
 os.environ["MAGLEV_ROOT"] = str(ROOT)
 os.environ.setdefault("PYDEVD_DISABLE_FILE_VALIDATION", "1")
 
+if os.environ.pop("PYTHONDONTWRITEBYTECODE", ""):
+    # A dozen short-lived kernels would each compile the same libraries: let them share the result here.
+    os.environ["PYTHONPYCACHEPREFIX"] = str(HERE / "_build" / "pycache")
+    sys.dont_write_bytecode, sys.pycache_prefix = False, os.environ["PYTHONPYCACHEPREFIX"]
 logging.getLogger("traitlets").setLevel(logging.WARNING)
 
 # A profile of their own: no start-up files of the user, and no kernel chatter in the build's output.
@@ -65,6 +70,7 @@ autodoc_default_options = {"members": True, "member-order": "bysource"}
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
 autodoc_preserve_defaults = True
+autodoc_type_aliases = {name: name for name in ("ArrayLike", "ComplexArray", "FloatArray")}
 napoleon_google_docstring = False
 napoleon_numpy_docstring = True
 napoleon_use_rtype = False
@@ -112,7 +118,9 @@ def setup(app: Any) -> None:
 # -- Look -------------------------------------------------------------------------------------------------------------
 html_theme = "furo"
 html_title = f"maglev_ctrl {release}"
-html_static_path = ["_static"]
+# Browsers draw roots and brackets to size only with a mathematical font; this one (STIX Two, OFL) comes with ziamath.
+MATH_FONT = Path(str(find_spec("ziamath").origin)).parent / "fonts" / "STIXTwoMath-Regular.ttf"  # type: ignore[union-attr]
+html_static_path = ["_static", str(MATH_FONT)]
 html_css_files = ["maglev.css"]
 html_show_sphinx = False
 html_copy_source = False

@@ -21,6 +21,7 @@ def to_mathml(latex: str, *, display: str) -> str:
     """MathML of a LaTeX formula; aligned equations become a table of a right and a left column."""
     text = ALIGNED.sub(lambda found: r"\begin{array}{rlrl}" if found[1] == "begin" else r"\end{array}", latex)
     markup = convert(text.strip(), display=display)
+    markup = markup.replace("<mo>&#x0007C;</mo>", '<mo stretchy="false" lspace="0" rspace="0">&#x0007C;</mo>')
     return markup.replace("<mtable", '<mtable displaystyle="true"') if display == "block" else markup
 
 

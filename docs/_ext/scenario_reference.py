@@ -1,16 +1,19 @@
-"""The directive `scenario-reference`: every table and key of a scenario file, written from its JSON Schema."""
+"""Directives `scenario-reference` (every table and key, from the JSON Schema) and `scenario-library` (every file)."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from maglev_ctrl.scenario import json_schema
+from maglev_ctrl.scenario import json_schema, load
+
+ROOT = Path(__file__).resolve().parents[2]
 
 Schema = dict[str, Any]
 
@@ -47,7 +50,7 @@ class ScenarioReference(SphinxDirective):
         """One record: what it is, and a table of its keys."""
         anchor = nodes.make_id(f"scenario {heading}")
         section = nodes.section(ids=[anchor])
-        section += nodes.title(heading, heading)
+        section += nodes.title(heading, "", nodes.literal(heading, heading) if "[" in heading else nodes.Text(heading))
         self.state.document.note_implicit_target(section, section)
         for paragraph in record.get("description", "").split("\n\n"):
             if paragraph.strip():
@@ -59,6 +62,23 @@ class ScenarioReference(SphinxDirective):
         ]
         section += key_table(rows)
         return section
+
+
+class ScenarioLibrary(SphinxDirective):
+    """A table of the scenario files of the project, read by the project's own reader."""
+
+    has_content = False
+
+    def run(self) -> list[nodes.Node]:
+        """Build the table."""
+        rows = []
+        for path in sorted((ROOT / "scenarios").rglob("*.toml")):
+            self.env.note_dependency(str(path))
+            scenario = load(path)
+            first = re.split(r"(?<=[.:;]) ", " ".join(scenario.description.split()), maxsplit=1)[0]
+            kinds = ", ".join(dict.fromkeys(option.kind.replace("_", " ") for option in scenario.options))
+            rows.append((path.relative_to(ROOT).as_posix(), scenario.title, kinds, first))
+        return [key_table(rows, heads=("File", "Title", "Options", "About"), widths=(30, 26, 18, 26))]
 
 
 def title(name: str, record: Schema) -> str:
@@ -109,7 +129,8 @@ def references(part: object) -> Iterator[str]:
 def value_words(prop: Schema, records: dict[str, Schema]) -> str:
     """What a key holds, in words."""
     if "$ref" in prop:
-        return f"table {title(prop['$ref'].rsplit('/', 1)[-1], records[prop['$ref'].rsplit('/', 1)[-1]])}"
+        name = prop["$ref"].rsplit("/", 1)[-1]
+        return f"table `{title(name, records[name])}`"
     if "anyOf" in prop or "oneOf" in prop:
         choices = [c for c in prop.get("anyOf", prop.get("oneOf", [])) if c.get("type") != "null"]
         if len(choices) > 1 and all("$ref" in choice for choice in choices):
@@ -169,13 +190,18 @@ def words(text: str) -> list[nodes.Node]:
     return parts
 
 
-def key_table(rows: list[tuple[str, str, str, str]]) -> nodes.table:
-    """A table of keys."""
+def key_table(
+    rows: list[tuple[str, str, str, str]],
+    *,
+    heads: tuple[str, ...] = ("Key", "Value", "Default", "Meaning"),
+    widths: tuple[int, ...] = (16, 34, 18, 32),
+) -> nodes.table:
+    """A table whose first column is literal text."""
     group = nodes.tgroup(cols=4)
-    for width in (16, 34, 18, 32):
+    for width in widths:
         group += nodes.colspec(colwidth=width)
     head, body = nodes.thead(), nodes.tbody()
-    head += row_of([nodes.paragraph("", label) for label in ("Key", "Value", "Default", "Meaning")])
+    head += row_of([nodes.paragraph("", label) for label in heads])
     for key, value, default, told in rows:
         cells = [nodes.paragraph("", "", nodes.literal(key, key))]
         cells += [nodes.paragraph("", "", *words(text)) for text in (value, default, told)]
@@ -195,4 +221,5 @@ def row_of(cells: list[nodes.paragraph]) -> nodes.row:
 def setup(app: Sphinx) -> dict[str, Any]:
     """Register the directive."""
     app.add_directive("scenario-reference", ScenarioReference)
+    app.add_directive("scenario-library", ScenarioLibrary)
     return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}
