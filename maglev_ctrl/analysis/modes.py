@@ -248,14 +248,14 @@ def mode_labels(system: SecondOrderSystem, share: FloatArray) -> tuple[str, ...]
     by_dof = _by_coordinate(system, share, normalise=False)
     inner = share[len(share) - len(system.internal) :]
     from_inside = np.sum(inner, axis=0) > np.sum(by_dof, axis=0)
-    by_freedom = _leading(system.dofs, by_dof)
+    by_freedom = leading_names(system.dofs, by_dof)
     if not np.any(from_inside):
         return tuple(by_freedom)
-    by_inner = _leading(system.internal, inner)
+    by_inner = leading_names(system.internal, inner)
     return tuple(own if inside else outer for own, outer, inside in zip(by_inner, by_freedom, from_inside, strict=True))
 
 
-def _leading(names: tuple[str, ...], weights: FloatArray) -> list[str]:
+def leading_names(names: tuple[str, ...], weights: FloatArray) -> list[str]:
     """The names that weigh most in each mode, from weights (names, m)."""
     # Shares equal to a tenth keep the order of the coordinates, so that twins are named alike.
     tenths = np.round(weights / np.maximum(np.max(weights, axis=0), np.finfo(float).tiny), 1)

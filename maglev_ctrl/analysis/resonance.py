@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import linalg
 
+from maglev_ctrl.analysis.modes import leading_names, unique_labels
 from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only
 from maglev_ctrl.errors import ModelError
 from maglev_ctrl.systems import SecondOrderSystem, modulate
@@ -88,7 +89,7 @@ def state_modes(A_0: FloatArray, *, states: tuple[str, ...] = (), labels: tuple[
     Parameters
     ----------
     A_0 : (n, n) 1/s
-    states : names of the states, from which each mode gets the name of its leading coordinate
+    states : names of the states, from which each mode gets the names of its leading coordinates
     labels : names of the oscillating modes in order of frequency, instead
 
     Examples
@@ -123,8 +124,12 @@ def _leading_states(
 ) -> tuple[str, ...]:
     if not states:
         return tuple("" for _ in oscillating)
-    share = np.abs(right * left.conj())
-    return tuple(states[int(np.argmax(share[:, i]))].removesuffix(".velocity").replace(".", " ") for i in oscillating)
+    share = np.abs(right * left.conj())[:, list(oscillating)]
+    coordinates = tuple(dict.fromkeys(state.removesuffix(".velocity") for state in states))
+    weights = np.zeros((len(coordinates), len(oscillating)))
+    for state, row in zip(states, share, strict=True):
+        weights[coordinates.index(state.removesuffix(".velocity"))] += row
+    return unique_labels(tuple(leading_names(coordinates, weights)))
 
 
 def make_resonance(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from maglev_ctrl.analysis.floquet import Floquet, floquet
 from maglev_ctrl.analysis.resonance_map import CriticalDepth, ResonanceMap, critical_depth, resonance_map
@@ -18,6 +19,7 @@ from maglev_ctrl.systems import Controller, PeriodicSystem, close_loop, modulate
 from maglev_ctrl.vehicle import Actuator, Vehicle, linearize, stiffness_modulation
 
 BRACKET = 1e-3  # the deciding depth is checked this far (relative) on either side
+VALLEYS = 3  # this many of the lowest valleys of the critical depth are followed to their bottom
 PROBES = 2  # where a map shows no instability, this many of its least stable speeds are checked on the full model
 
 
@@ -129,7 +131,8 @@ def speed_ranges(
     blocked = curve <= depth
     names = [_name_at(atlas, k) if blocked[k] else "" for k in range(len(speeds))]
     for seed in atlas.seeded:
-        if seed.threshold <= depth and not seed.resolved_by_grid:
+        # A tongue that the grid shows at greater depth may still be between its columns at this one.
+        if seed.threshold <= depth:
             k = int(np.argmin(np.abs(speeds - seed.parameter)))
             if not blocked[k]:
                 blocked[k], names[k] = True, seed.name
@@ -168,21 +171,55 @@ def _over_speed(forcing: _Forcing) -> tuple[FloatArray, list[PeriodicSystem]]:
 
 
 def _worst(forcing: _Forcing, atlas: ResonanceMap, curve: FloatArray) -> tuple[float, float, str]:
-    """Smallest critical depth, its speed and its resonance; NaN where the two engines do not confirm it."""
-    speeds = list(atlas.parameter) + [seed.parameter for seed in atlas.seeded]
-    depths = list(curve) + [seed.threshold for seed in atlas.seeded]
-    order = int(np.argmin(depths))
+    """Smallest critical depth, its speed and its resonance; NaN where the two engines do not confirm it.
+
+    The lowest valleys of the critical depth over speed, and the tongues found between columns, are followed to their
+    bottom between the columns; the deepest of them is decided on the full model.
+    """
     largest = float(atlas.depths[-1])
-    if not np.isfinite(depths[order]):
+    if np.any(atlas.unstable[:, 0]) and atlas.depths[0] == 0.0:
+        column = int(np.argmax(atlas.growth_rate[:, 0]))
+        return 0.0, float(atlas.parameter[column]), "unstable without modulation"
+    bottoms = [_bottom(forcing, low, high, largest) for low, high in _valleys(atlas, curve)]
+    found = [bottom for bottom in bottoms if np.isfinite(bottom[0])]
+    if not found:
         calm = not np.any(atlas.unresolved) and _calm(forcing, atlas)
         return (float("inf") if calm else float("nan")), float(atlas.parameter[0]), ""
-    speed = float(speeds[order])
+    _, speed = min(found)
     decided = critical_depth(forcing.at(speed), depth_max=largest)
-    if decided.unstable_at_zero:
-        return 0.0, speed, "unstable without modulation"
-    confirmed = _confirmed(forcing, speed, decided)
     name = decided.resonance.name if np.isfinite(decided.depth) else ""
-    return (decided.depth if confirmed else float("nan")), speed, name
+    return (decided.depth if _confirmed(forcing, speed, decided) else float("nan")), speed, name
+
+
+def _valleys(atlas: ResonanceMap, curve: FloatArray) -> list[tuple[float, float]]:
+    """Speed intervals around the lowest local minima of the critical depth and around the lowest seeded tongues."""
+    speeds, last = atlas.parameter, len(atlas.parameter) - 1
+    places = [
+        (float(curve[k]), float(speeds[max(k - 1, 0)]), float(speeds[min(k + 1, last)]))
+        for k in range(last + 1)
+        if np.isfinite(curve[k]) and curve[k] <= curve[max(k - 1, 0)] and curve[k] <= curve[min(k + 1, last)]
+    ]
+    step = float(np.max(np.diff(speeds)))
+    for seed in atlas.seeded:
+        if np.isfinite(seed.threshold) and speeds[0] <= seed.parameter <= speeds[last]:
+            low, high = np.clip([seed.parameter - 0.5 * step, seed.parameter + 0.5 * step], speeds[0], speeds[last])
+            places.append((seed.threshold, float(low), float(high)))
+    return [(low, high) for _, low, high in sorted(places)[:VALLEYS]]
+
+
+def _bottom(forcing: _Forcing, low: float, high: float, largest: float) -> tuple[float, float]:
+    """Smallest critical depth of the map's model between two speeds, and where it is."""
+
+    def depth(speed: float) -> float:
+        return critical_depth(forcing.at(speed, full=False), depth_max=largest).depth
+
+    # Where nothing is unstable the depth counts as twice the largest, so that the search has a slope to leave by.
+    found = minimize_scalar(
+        lambda v: min(depth(float(v)), 2.0 * largest), bounds=(low, high), method="bounded",
+        options={"xatol": 5e-3 * (high - low), "maxiter": 12},
+    )  # fmt: skip
+    candidates = [(depth(v), v) for v in (float(found.x), 0.5 * (low + high))]
+    return min(candidates)
 
 
 def _calm(forcing: _Forcing, atlas: ResonanceMap) -> bool:
@@ -217,6 +254,8 @@ def _floquet_or_none(forcing: _Forcing, speed: float, depth: float) -> Floquet |
 
 
 def _name_at(atlas: ResonanceMap, column: int) -> str:
+    if atlas.unstable[column, 0] and atlas.depths[0] == 0.0:
+        return "unstable without modulation"
     index = atlas.tongue_index[column]
     named = index[index >= 0]
-    return atlas.tongues[int(named[0])].name if named.size else "unstable without modulation"
+    return atlas.tongues[int(named[0])].name if named.size else "unnamed"

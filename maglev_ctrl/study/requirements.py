@@ -25,14 +25,15 @@ EIGENVALUES = "eigenvalues with error bounds, confirmed by Lyapunov inertia"
 class Finding:
     """A quantity's value (SI, dB for gains) and where it was found; or why there is none.
 
-    `certain` is False where the value is only a bound that may not decide (see `bound`): "at least this" (lower).
+    `bound` is "lower" where the true value is at least this, "upper" where it is at most this: such a value decides
+    only where the true one has to lie on the same side of the limit.
     """
 
     value: float
     where: str = ""
     method: str = ""
     reason: str = ""
-    bound: Literal["exact", "lower"] = "exact"
+    bound: Literal["exact", "lower", "upper"] = "exact"
 
 
 def missing(reason: str) -> Finding:
@@ -91,10 +92,9 @@ def _decide(finding: Finding, limit: float, sense: str) -> tuple[Verdict, str]:
     if math.isnan(finding.value):
         return Verdict.NOT_EVALUATED, finding.reason or "no value could be computed"
     inside = finding.value >= limit if sense == "at_least" else finding.value <= limit
-    if inside and finding.bound == "lower" and sense == "at_most":
-        return Verdict.NOT_EVALUATED, f"only a lower bound is known: {finding.reason}"
-    if not inside and finding.bound == "lower" and sense == "at_least":
-        return Verdict.NOT_EVALUATED, f"only a lower bound is known: {finding.reason}"
+    proves = {"exact": True, "lower": inside == (sense == "at_least"), "upper": inside == (sense == "at_most")}
+    if not proves[finding.bound]:
+        return Verdict.NOT_EVALUATED, f"only a {finding.bound} bound is known: {finding.reason}"
     return (Verdict.PASS, "") if inside else (Verdict.FAIL, finding.reason)
 
 
@@ -134,10 +134,7 @@ def _growth_rate(evidence: Evidence, over: str) -> Finding:
 
 def _damping_ratio(evidence: Evidence, over: str) -> Finding:
     if over == "nominal":
-        doubt = _resolved(evidence.modes)
-        if doubt:
-            return missing(doubt)
-        return Finding(_damping_or_divergence(evidence.modes), "design point", EIGENVALUES, _cause(evidence.modes))
+        return _damping_of(evidence.modes, "design point")
     sweep = evidence.sweeps.get(over)
     if sweep is None:
         return missing(f"the scenario has no {over} sweep")
@@ -146,13 +143,21 @@ def _damping_ratio(evidence: Evidence, over: str) -> Finding:
     if worst is None:
         return missing(problem or "no point of the sweep could be evaluated")
     where, found = worst
+    finding = _damping_of(found, where)
+    return missing(problem) if problem and not finding.value <= 0.0 else finding
+
+
+def _damping_of(found: Modes, where: str) -> Finding:
+    """Least damping ratio at one point; where the verdict is unresolved, the most it can be within the error bounds."""
     doubt = _resolved(found)
-    value = _damping_or_divergence(found)
-    if doubt:
+    if not doubt:
+        return Finding(_damping_or_divergence(found), where, EIGENVALUES, _cause(found))
+    oscillating = found.s.imag > found.error_bound
+    if not np.any(oscillating):
         return missing(f"at {where}: {doubt}")
-    if problem and value > 0.0:
-        return missing(problem)
-    return Finding(value, where, EIGENVALUES, _cause(found))
+    most = (found.error_bound - found.s.real)[oscillating] / np.abs(found.s[oscillating])
+    reason = f"not distinguishable from undamped within the error bound ({found.labels[found.critical]})"
+    return Finding(float(np.min(most)), where, EIGENVALUES, reason, bound="upper")
 
 
 def _damping_or_divergence(found: Modes) -> float:

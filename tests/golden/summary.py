@@ -34,8 +34,7 @@ def _option(option: OptionStudy) -> dict[str, Any]:
     return {
         "failure": option.failure,
         "requirements": {
-            r.name: {"value": _plain(r.value), "unit": r.unit, "verdict": r.verdict.value, "worst_at": r.worst_at}
-            for r in option.requirements
+            r.name: {"value": _plain(r.value), "unit": r.unit, "verdict": r.verdict.value} for r in option.requirements
         },
         "eigenvalues": [[_plain(s.real), _plain(s.imag)] for s in modes.s] if modes else None,
         "labels": list(modes.labels) if modes else None,

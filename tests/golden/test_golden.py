@@ -20,6 +20,7 @@ _SPEC.loader.exec_module(golden)
 # Eigenvalues and margins are good to about 1e-9; bisected boundaries and depths to about 1e-5 of their range. BLAS
 # libraries differ in the last digits, which badly damped modes and optimal perturbations magnify.
 RELATIVE, ABSOLUTE = 1e-4, 1e-7
+FLAT = 1e-2  # the critical depth is flat at its bottom, so where the bottom lies is known to fewer digits
 
 
 def differences(found: Any, expected: Any, path: str = "") -> list[str]:
@@ -32,7 +33,8 @@ def differences(found: Any, expected: Any, path: str = "") -> list[str]:
             d for i, (f, e) in enumerate(zip(found, expected, strict=True)) for d in differences(f, e, f"{path}/{i}")
         ]
     numbers = isinstance(expected, (int, float)) and isinstance(found, (int, float))
-    same = found == pytest.approx(expected, rel=RELATIVE, abs=ABSOLUTE) if numbers else found == expected
+    relative = FLAT if path.endswith("worst_speed") else RELATIVE
+    same = found == pytest.approx(expected, rel=relative, abs=ABSOLUTE) if numbers else found == expected
     return [] if same else [f"{path}: found {found!r}, expected {expected!r}"]
 
 

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from maglev_ctrl.analysis.resonance_map import ResonanceMap, SeededTongue, resonance_map
-from maglev_ctrl.study.periodic import at_depth, critical_depths, speed_ranges
+from maglev_ctrl.analysis.resonance_map import ResonanceMap, SeededTongue, critical_depth, resonance_map
+from maglev_ctrl.scenario import Scenario
+from maglev_ctrl.study.periodic import _Forcing, at_depth, critical_depths, floquet_study, speed_ranges
+from maglev_ctrl.study.situation import OptionModel
 from maglev_ctrl.systems import PeriodicSystem
 
 ZETA = 0.01
@@ -46,10 +51,10 @@ def test_without_modulation_every_speed_is_safe(atlas: ResonanceMap) -> None:
     assert no_go == () and go == ((float(atlas.parameter[0]), float(atlas.parameter[-1])),)
 
 
-def test_a_tongue_between_columns_blocks_its_column(atlas: ResonanceMap) -> None:
-    from dataclasses import replace
-
-    hidden = SeededTongue(parameter=1.7049, threshold=0.05, name="2 w9/1", resolved_by_grid=False)
+@pytest.mark.parametrize("shown_deeper", [False, True])
+def test_a_tongue_between_columns_blocks_its_column(atlas: ResonanceMap, shown_deeper: bool) -> None:
+    # even where the grid shows the tongue at greater depth, at this depth it lies between the columns
+    hidden = SeededTongue(parameter=1.7049, threshold=0.05, name="2 w9/1", resolved_by_grid=shown_deeper)
     seeded = replace(atlas, seeded=(hidden,))
     _, no_go = speed_ranges(seeded, critical_depths(atlas), 0.1)
     assert any(low <= 1.7049 <= high and name == "2 w9/1" for low, high, name in no_go)
@@ -62,3 +67,27 @@ def test_scaling_the_depth_scales_the_modulation_only() -> None:
     scaled = at_depth(system, 0.25)
     np.testing.assert_array_equal(scaled.A_cos, 0.25 * system.A_cos)
     np.testing.assert_array_equal(scaled.A_0, system.A_0)
+
+
+def test_an_unstable_start_is_named_so(atlas: ResonanceMap) -> None:
+    growing = replace(atlas, unstable=np.ones_like(atlas.unstable), growth_rate=np.abs(atlas.growth_rate) + 1.0)
+    _, no_go = speed_ranges(growing, critical_depths(growing), 0.0)
+    assert [name for *_, name in no_go] == ["unstable without modulation"]
+
+
+def test_the_worst_depth_is_the_bottom_between_the_columns(small_scenario: Callable[..., Scenario]) -> None:
+    """The deepest point over speed is not above the depth at any speed near it, on the full model."""
+    scenario = small_scenario()
+    weak = scenario.options[1].model_copy(
+        update={
+            "spring_dampers": tuple(s.model_copy(update={"damping": 3.0e3}) for s in scenario.options[1].spring_dampers)
+        }
+    )
+    model = OptionModel(scenario, weak)
+    study = floquet_study(model, None)
+    assert 0.0 < study.worst_depth < study.largest_depth
+    assert study.worst_depth <= np.min(study.critical_depth) * (1.0 + 1e-3)
+    forcing = _Forcing.of(model, None, scenario.periodic)
+    for factor in (0.997, 0.999, 1.001, 1.003):
+        beside = critical_depth(forcing.at(study.worst_speed * factor), depth_max=study.largest_depth).depth
+        assert study.worst_depth <= beside * (1.0 + 1e-3)

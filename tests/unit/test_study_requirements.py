@@ -51,6 +51,12 @@ def test_a_lower_bound_may_pass_but_never_fail(monkeypatch: pytest.MonkeyPatch) 
     assert judged(monkeypatch, bound, wanted("speed_margin", "at_most", 1.0)).verdict is Verdict.FAIL
 
 
+def test_an_upper_bound_may_fail_but_never_pass(monkeypatch: pytest.MonkeyPatch) -> None:
+    most = Finding(1e-12, reason="within its error bound", bound="upper")
+    assert judged(monkeypatch, most, wanted("damping_ratio", "at_least", 0.02)).verdict is Verdict.FAIL
+    assert judged(monkeypatch, most, wanted("damping_ratio", "at_least", 0.0)).verdict is Verdict.NOT_EVALUATED
+
+
 def test_units_are_those_people_read(monkeypatch: pytest.MonkeyPatch) -> None:
     result = judged(monkeypatch, Finding(math.radians(45.0)), wanted("phase_margin", "at_least", math.radians(30.0)))
     assert (result.unit, round(result.value, 9), round(result.limit, 9)) == ("deg", 45.0, 30.0)
