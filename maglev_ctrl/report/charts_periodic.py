@@ -68,14 +68,14 @@ def _unresolved(study: FloquetStudy, x: FloatArray, depth: FloatArray) -> list[I
 
 
 def _narrow(study: FloquetStudy) -> list[Item]:
-    """Tips of tongues too narrow for the grid, found where resonance says they are."""
-    hidden = [s for s in study.map.seeded if not s.resolved_by_grid and np.isfinite(s.threshold)]
+    """Tips of tongues between the grid's speeds, found where resonance says they are."""
+    hidden = [s for s in study.map.seeded if np.isfinite(s.threshold)]
     if not hidden:
         return []
     x = np.array([s.parameter * _KILOMETRES_PER_HOUR for s in hidden])
     y = np.array([100.0 * s.threshold for s in hidden])
     words = tuple(f"{tongue_words(s.name)}: from {number(100 * s.threshold, '%')}" for s in hidden)
-    return [Marks(x, y, "triangle", "tip of a tongue narrower than the grid", INK, 4.0, words)]
+    return [Marks(x, y, "triangle", "tip of a tongue between grid speeds", INK, 4.0, words)]
 
 
 def _names(study: FloquetStudy, x: FloatArray, depth: FloatArray) -> list[Item]:
