@@ -75,9 +75,10 @@ class ScenarioLibrary(SphinxDirective):
         for path in sorted((ROOT / "scenarios").rglob("*.toml")):
             self.env.note_dependency(str(path))
             scenario = load(path)
-            first = re.split(r"(?<=[.:;]) ", " ".join(scenario.description.split()), maxsplit=1)[0]
+            about = " ".join(scenario.description.split())
+            first = re.split(r"(?<!Eq\.)(?<!Eqs\.)(?<!Sec\.)(?<=[.;]) ", about, maxsplit=1)[0]
             kinds = ", ".join(dict.fromkeys(option.kind.replace("_", " ") for option in scenario.options))
-            rows.append((path.relative_to(ROOT).as_posix(), scenario.title, kinds, first))
+            rows.append((path.relative_to(ROOT / "scenarios").as_posix(), scenario.title, kinds, first))
         return [key_table(rows, heads=("File", "Title", "Options", "About"), widths=(30, 26, 18, 26))]
 
 
