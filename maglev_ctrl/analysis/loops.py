@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-import scipy.signal
 from numpy.typing import ArrayLike
 
 from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only
@@ -99,7 +98,9 @@ class Loop:
         top, bottom = np.trim_zeros(np.atleast_1d(np.asarray(numerator, dtype=float)), "f"), np.atleast_1d(denominator)
         if len(top) > len(np.trim_zeros(np.asarray(bottom, dtype=float), "f")):
             raise ValueError("numerator: expected a degree at most that of the denominator (a proper loop)")
-        A, B, C, D = scipy.signal.tf2ss(top if len(top) else np.zeros(1), bottom)
+        from scipy.signal import tf2ss  # loads half of scipy, and only transfer functions need it
+
+        A, B, C, D = tf2ss(top if len(top) else np.zeros(1), bottom)
         if len(np.trim_zeros(np.asarray(bottom, dtype=float), "f")) == 1:
             A, B, C = np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0))
         return balanced(cls(A, B, C, D, (channel,), [delay], dt))
