@@ -143,10 +143,15 @@ def _evenly_scaled(matrix: ComplexArray) -> FloatArray:
     x = np.zeros(matrix.shape[0])
     floor = max(1e-30 * float(np.max(size, initial=0.0)), 1e-280)
     for _ in range(12):
+        moved = 0.0
         for i in range(len(x)):
             weight = np.exp(2.0 * (x[i] - x))
             row, column = float(size[i] @ weight), float(size[:, i] @ (1.0 / weight))
-            x[i] += 0.25 * np.log((column + floor) / (row + floor))
+            change = 0.25 * float(np.log((column + floor) / (row + floor)))
+            x[i] += change
+            moved = max(moved, abs(change))
+        if moved < 1e-13:
+            break
     return np.asarray(np.clip(x - x[-1], -_LIMIT, _LIMIT))
 
 
