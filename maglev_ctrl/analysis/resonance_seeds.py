@@ -159,17 +159,25 @@ def _crossings(
     frequencies: list[FloatArray], passing: FloatArray, max_order: int
 ) -> list[tuple[int, float, ResonanceKind, int, int, int]]:
     """Where a resonant frequency meets the passing frequency: column, fraction, and the pair."""
+    pairs: dict[int, list[tuple[ResonanceKind, int, int]]] = {}
     result: list[tuple[int, float, ResonanceKind, int, int, int]] = []
     for column in range(len(frequencies) - 1):
         left, right = frequencies[column], frequencies[column + 1]
         if len(left) != len(right):
             continue
-        for kind, i, j in resonant_pairs(len(left)):
-            sign = -1.0 if kind == "difference" else 1.0
-            for order in range(1, max_order + 1):
-                gap = [abs(w[j] + sign * w[i]) / order - passing[column + k] for k, w in enumerate((left, right))]
-                if gap[0] * gap[1] < 0.0 or gap[0] == 0.0:
-                    result.append((column, float(gap[0] / (gap[0] - gap[1])), kind, i, j, order))
+        if len(left) not in pairs:
+            pairs[len(left)] = resonant_pairs(len(left))
+        kinds = pairs[len(left)]
+        sign = np.array([-1.0 if kind == "difference" else 1.0 for kind, _, _ in kinds])
+        low = np.array([i for _, i, _ in kinds], dtype=int)
+        high = np.array([j for _, _, j in kinds], dtype=int)
+        orders = np.arange(1, max_order + 1)
+        gap = [np.abs(w[high] + sign * w[low])[:, None] / orders - passing[column + k]
+               for k, w in enumerate((left, right))]  # fmt: skip
+        for k, m in np.argwhere((gap[0] * gap[1] < 0.0) | (gap[0] == 0.0)):
+            apart = gap[0][k, m] - gap[1][k, m]
+            fraction = float(gap[0][k, m] / apart) if apart else 0.0
+            result.append((column, fraction, *kinds[k], int(orders[m])))
     return result
 
 
@@ -218,4 +226,4 @@ def _slope(grid: SeedInput, column: int, kind: ResonanceKind, i: int, j: int, or
         s = np.linalg.eigvals(grid.A_0[k])
         w = np.sort(s.imag[s.imag > 1e-9 * np.abs(s)])
         gaps.append(abs(w[j] + sign * w[i]) / order - float(grid.frequency[k]))
-    return gaps[1] - gaps[0]
+    return float(gaps[1] - gaps[0])
