@@ -14,6 +14,7 @@ from sphinx.util.math import get_node_equation_number
 
 LOGGER = logging.getLogger(__name__)
 
+BARS = re.compile(r"<mo>(&#x0007C;|&#x02016;|&#x02225;)</mo>")
 ALIGNED = re.compile(r"\\(begin|end)\{(?:aligned|split|align\*?)\}")
 
 
@@ -21,7 +22,9 @@ def to_mathml(latex: str, *, display: str) -> str:
     """MathML of a LaTeX formula; aligned equations become a table of a right and a left column."""
     text = ALIGNED.sub(lambda found: r"\begin{array}{rlrl}" if found[1] == "begin" else r"\end{array}", latex)
     markup = convert(text.strip(), display=display)
-    markup = markup.replace("<mo>&#x0007C;</mo>", '<mo stretchy="false" lspace="0" rspace="0">&#x0007C;</mo>')
+    # Bars grow with whatever stands beside them, and browsers align cells by style only.
+    markup = BARS.sub(r'<mo stretchy="false" lspace="0" rspace="0">\1</mo>', markup)
+    markup = re.sub(r'columnalign="(left|right|center)"', r'style="text-align: \1"', markup)
     return markup.replace("<mtable", '<mtable displaystyle="true"') if display == "block" else markup
 
 
