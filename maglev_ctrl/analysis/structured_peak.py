@@ -60,8 +60,7 @@ def structured_peak(A: FloatArray, B: FloatArray, C: FloatArray, D: FloatArray, 
     rough = np.array([mu_upper(v, target=np.inf).value for v in values])
     order = np.argsort(-(quick + rough))
     best, at = LowerBound(-1.0, np.zeros(D.shape[0]), np.zeros(D.shape[0], dtype=complex)), 0.0
-    # With two channels both bounds meet: the elimination climbs wherever the first peak was not the highest.
-    for k in order[: 1 if D.shape[0] <= 2 else 3]:
+    for k in order[:3]:
         bound, frequency = _climb(A, B, C, D, float(seeds[k]), values[k])
         if bound.value > best.value:
             best, at = bound, frequency
