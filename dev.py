@@ -69,7 +69,7 @@ def set_up() -> str:
         environment = {**os.environ, "UV_PROJECT_ENVIRONMENT": str(ENVIRONMENT), "VIRTUAL_ENV": str(ENVIRONMENT)}
         steps = [
             [uv, "venv", "--quiet", "--allow-existing", "--python", sys.executable, str(ENVIRONMENT)],
-            [uv, "pip", "install", "--quiet", "--editable", f"{ROOT}[{EXTRAS}]"],
+            [uv, "pip", "install", "--quiet", "--compile-bytecode", "--editable", f"{ROOT}[{EXTRAS}]"],
         ]
     else:
         problem = make_environment()

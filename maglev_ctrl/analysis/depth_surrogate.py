@@ -9,11 +9,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg
 
 from maglev_ctrl.analysis.floquet import plan_for, scaled_coefficients
 from maglev_ctrl.arrays import ComplexArray, FloatArray
-from maglev_ctrl.kernels import ChebyshevSeries, TaylorPlan, chebyshev_series, monodromy_over_depths
+from maglev_ctrl.kernels import (
+    ChebyshevSeries,
+    TaylorPlan,
+    chebyshev_series,
+    eigen_triplets,
+    monodromy_over_depths,
+)
 from maglev_ctrl.kernels.chebyshev import chebyshev_points
 
 _MOST_NODES = 49
@@ -71,7 +76,7 @@ class DepthSurrogate:
     def growth_error(self) -> float:
         """Error of the growth rate, 1/s: matrix error times the condition of the leading multiplier at full depth."""
         matrix = self.monodromy(np.array([self.depth_max]))[0]
-        values, left, right = linalg.eig(matrix, left=True, right=True)
+        values, left, right = eigen_triplets(matrix)
         worst = int(np.argmax(np.abs(values)))
         overlap = max(abs(np.vdot(left[:, worst], right[:, worst])), 1e-16)
         relative = self.error * float(np.linalg.norm(matrix, 2)) / max(abs(values[worst]), 1e-300)

@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg
 from scipy.optimize import linear_sum_assignment
 from scipy.sparse.csgraph import connected_components
 
@@ -19,6 +18,7 @@ from maglev_ctrl.errors import Agreement
 from maglev_ctrl.kernels import (
     TaylorPlan,
     balance,
+    eigen_triplets,
     hill_spectrum,
     periodic_multipliers,
     propagators_over_depths,
@@ -177,7 +177,7 @@ def _own_error(
 def _conditions(factors: FloatArray, exponents: ComplexArray, period: float) -> FloatArray:
     """Condition of each multiplier; those too small for the explicit product get the worst one of the others."""
     product = tree_product(factors)
-    values, left, right = linalg.eig(product, left=True, right=True)
+    values, left, right = eigen_triplets(product)
     overlap = np.abs(np.sum(left.conj() * right, axis=0))
     condition = 1.0 / np.maximum(overlap, 1e-16)
     size = float(np.linalg.norm(product, 2))

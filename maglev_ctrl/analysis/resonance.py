@@ -19,6 +19,7 @@ from scipy import linalg
 from maglev_ctrl.analysis.modes import leading_names, unique_labels
 from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only
 from maglev_ctrl.errors import ModelError
+from maglev_ctrl.kernels import eigen_triplets
 from maglev_ctrl.systems import SecondOrderSystem, modulate
 
 ResonanceKind = Literal["parametric", "sum", "difference", "none"]
@@ -111,7 +112,7 @@ def state_modes(A_0: FloatArray, *, states: tuple[str, ...] = (), labels: tuple[
 def _eigenvectors(A_0: FloatArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
     """Eigenvalues, right and left vectors with left^H right = 1; in a defective pair (free rigid motion) the left
     vectors are scaled one by one, and those without overlap stay at unit length."""
-    s, own_left, right = linalg.eig(A_0, left=True, right=True)
+    s, own_left, right = eigen_triplets(A_0)
     if np.linalg.cond(right) < 1e10:
         return s, right, np.asarray(np.linalg.inv(right).conj().T)
     overlap = np.sum(own_left.conj() * right, axis=0)

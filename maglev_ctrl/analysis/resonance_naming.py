@@ -107,7 +107,7 @@ def exponent_participation(
     amplitudes = modes.left.conj().T @ right.reshape(-1, n).T
     duals = modes.right.conj().T @ left.reshape(-1, n).T
     product = duals.conj() * amplitudes
-    total = np.sum(product)
+    total = complex(np.sum(product))
     if abs(total) < 1e-12 * np.sum(np.abs(product)):
         total = complex(np.sum(np.abs(product)))
     return np.asarray(product / total), reach

@@ -1,8 +1,8 @@
 """Rectangular coil in the corner of a perfectly conducting L-shaped guideway: the limit of infinite speed.
 
-Three image coils (below the floor, behind the wall, behind the corner) carry the same current, with the senses that keep
-the field tangential to both plates. The force is the gradient of W = I^2/2 (-M_floor + M_wall - M_corner), M the mutual
-inductance of two equal parallel rectangles in closed form (filaments; F. W. Grover, Inductance Calculations, 1946).
+Three image coils (below the floor, behind the wall, behind the corner) carry the same current, with the senses that
+keep the field tangential to both plates. The force is the gradient of W = I^2/2 (-M_floor + M_wall - M_corner), M the
+mutual inductance of two equal parallel rectangles in closed form (filaments; F. W. Grover, Inductance Calculations, 1946).
 The field is conservative: dF_lift/dgap = dF_guidance/dheight, and there is no drag.
 """
 
@@ -15,7 +15,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from maglev_ctrl.arrays import FloatArray
-from maglev_ctrl.forces.base import AbstractForceModel, Domain, MagnetDerivatives, MagnetForces, checked_factor, no_forces
+from maglev_ctrl.forces.base import (
+    AbstractForceModel,
+    Domain,
+    MagnetDerivatives,
+    MagnetForces,
+    checked_factor,
+    no_forces,
+)
 
 MU_0 = 4e-7 * np.pi
 
@@ -128,9 +135,7 @@ class CornerImageForce(AbstractForceModel):
         total = wall.plus(floor, -1.0).plus(corner, -1.0)
         # Y and Z grow twice as fast as gap and height: factor 2 on slopes, 4 on curvatures.
         scale = 0.5 * self.current**2 * self.strength
-        return _Jet(
-            *(np.asarray(scale * factor * part) for factor, part in zip((2, 2, 4, 4, 4), total, strict=True))
-        )
+        return _Jet(*(np.asarray(scale * factor * part) for factor, part in zip((2, 2, 4, 4, 4), total, strict=True)))
 
     def _mutual(self, Y: FloatArray, Z: FloatArray) -> _Jet:
         """Mutual inductance of the coil and an equal one displaced by Y across and Z up, same sense."""

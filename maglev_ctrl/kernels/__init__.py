@@ -4,7 +4,7 @@ from maglev_ctrl.kernels.chebyshev import ChebyshevSeries, chebyshev_series
 from maglev_ctrl.kernels.hill import HillSpectrum, hill_matrix, hill_pair, hill_spectrum
 from maglev_ctrl.kernels.periodic_qr import PeriodicMultipliers, periodic_multipliers
 from maglev_ctrl.kernels.piecewise import piecewise_propagators
-from maglev_ctrl.kernels.scaling import balance, rescale
+from maglev_ctrl.kernels.scaling import balance, eigen_triplets, rescale
 from maglev_ctrl.kernels.taylor import (
     TaylorPlan,
     monodromy_over_depths,
@@ -20,6 +20,7 @@ __all__ = [
     "TaylorPlan",
     "balance",
     "chebyshev_series",
+    "eigen_triplets",
     "hill_matrix",
     "hill_pair",
     "hill_spectrum",

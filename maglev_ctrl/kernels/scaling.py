@@ -1,11 +1,11 @@
-"""Diagonal scaling of state matrices whose entries mix kilograms, newtons and metres."""
+"""Diagonal scaling of state matrices whose entries mix kilograms, newtons and metres, and their eigenvectors."""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy import linalg
 
-from maglev_ctrl.arrays import FloatArray
+from maglev_ctrl.arrays import ComplexArray, FloatArray
 
 
 def balance(magnitude: FloatArray) -> FloatArray:
@@ -35,3 +35,16 @@ def rescale(matrix: FloatArray, scale: FloatArray) -> FloatArray:
            [2., 0.]])
     """
     return np.asarray(matrix * scale / scale[:, None])
+
+
+def eigen_triplets(A: FloatArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+    """Eigenvalues (n,), left and right eigenvectors (n, n) of unit length: left^H A = s left^H, A right = right s.
+
+    Examples
+    --------
+    >>> s, left, right = eigen_triplets(np.array([[1.0, 5.0], [0.0, 2.0]]))
+    >>> np.round(s.real, 12).tolist()
+    [1.0, 2.0]
+    """
+    s, left, right = linalg.eig(A, left=True, right=True)[:3]  # type: ignore[misc]  # the stubs know two results only
+    return np.asarray(s), np.asarray(left), np.asarray(right)

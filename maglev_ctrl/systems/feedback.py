@@ -106,8 +106,7 @@ def close_loop(system: SecondOrderSystem, controller: Controller) -> SecondOrder
     columns = [system.inputs.index(name) for name in controller.commands]
     B, B_internal = system.B[..., columns], system.B_internal[..., columns]
     H_q, H_v, H_a, H_xi, H_w, H_wv = (
-        _measured_rows(system, controller.measured, key)
-        for key in ("H_q", "H_v", "H_a", "H_internal", "H_w", "H_wv")
+        _measured_rows(system, controller.measured, key) for key in ("H_q", "H_v", "H_a", "H_internal", "H_w", "H_wv")
     )
     C_k, D_k = controller.C, controller.D
     share = Contribution(
@@ -205,10 +204,12 @@ def loop_matrices(
     C, D, _ = system.output_rows(controller.measured)
     D = D[..., columns]
     n_c = len(controller.states)
-    A_loop = join_rows([
-        join_columns([A, np.zeros((A.shape[-1], n_c))]),
-        join_columns([controller.B @ C, controller.A]),
-    ])
+    A_loop = join_rows(
+        [
+            join_columns([A, np.zeros((A.shape[-1], n_c))]),
+            join_columns([controller.B @ C, controller.A]),
+        ]
+    )
     B_loop = join_rows([B, controller.B @ D])
     C_loop = -join_columns([controller.D @ C, controller.C])
     return A_loop, B_loop, C_loop, -controller.D @ D

@@ -8,7 +8,7 @@ import pytest
 from maglev_ctrl.forces.corner_image import CornerImageForce
 
 MAGNET = CornerImageForce(6000.0, length=50.8e-3, width=25.4e-3, thickness=6.35e-3)
-# height m; lift, guidance, k_ll, k_lg, k_gg at a gap of 12.7 mm (closed-form filament mutuals, checked by Neumann's integral)
+# height m; lift, guidance, k_ll, k_lg, k_gg at a gap of 12.7 mm, from closed-form filament mutuals
 EXPECTED = {
     0.015: (5.961448507293618, 3.6283961953220003, -838.9785779647217, 22.717157053056543, -631.5046247387655),
     0.025: (1.8742132151812472, 3.480017538031593, -179.38088917035518, -28.855324089339934, -550.5376287837092),
