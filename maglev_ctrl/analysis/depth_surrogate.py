@@ -80,7 +80,7 @@ class DepthSurrogate:
         worst = int(np.argmax(np.abs(values)))
         overlap = max(abs(np.vdot(left[:, worst], right[:, worst])), 1e-16)
         relative = self.error * float(np.linalg.norm(matrix, 2)) / max(abs(values[worst]), 1e-300)
-        return min(relative / overlap, 10.0 * float(np.sqrt(relative))) / self.period
+        return float(min(relative / overlap, 10.0 * np.sqrt(relative)) / self.period)
 
 
 def depth_surrogate(

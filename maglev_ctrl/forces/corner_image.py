@@ -2,7 +2,8 @@
 
 Three image coils (below the floor, behind the wall, behind the corner) carry the same current, with the senses that
 keep the field tangential to both plates. The force is the gradient of W = I^2/2 (-M_floor + M_wall - M_corner), M the
-mutual inductance of two equal parallel rectangles in closed form (filaments; F. W. Grover, Inductance Calculations, 1946).
+mutual inductance of two equal parallel rectangles in closed form (filaments; F. W. Grover, Inductance Calculations,
+1946).
 The field is conservative: dF_lift/dgap = dF_guidance/dheight, and there is no drag.
 """
 
