@@ -80,16 +80,7 @@ def _narrow(study: FloquetStudy) -> list[Item]:
 
 def _names(study: FloquetStudy, x: FloatArray, depth: FloatArray) -> list[Item]:
     """Names of the tongues that reach lowest, each above its own tip, kept clear of one another."""
-    tips: list[tuple[float, float, str]] = []
-    for index, tongue in enumerate(study.map.tongues):
-        inside = (study.map.tongue_index == index) & study.map.unstable
-        if not inside.any():
-            continue
-        columns = np.flatnonzero(inside.any(axis=1))
-        lowest = [float(depth[np.flatnonzero(inside[c])[0]]) for c in columns]
-        best = int(np.argmin(lowest))
-        tips.append((lowest[best], float(x[columns[best]]), tongue_words(tongue.name)))
-    tips.sort()
+    tips = [(low, at, short_words(name)) for low, at, name in _grid_tips(study, x, depth)]
     width, height = float(x[-1] - x[0]), float(depth[-1] - depth[0])
     placed: list[tuple[float, float]] = []
     items: list[Item] = []
@@ -104,6 +95,38 @@ def _names(study: FloquetStudy, x: FloatArray, depth: FloatArray) -> list[Item]:
         placed.append((centre, level))
         items.append(Note(centre, level, name, "center", "center", INK, True))
     return items
+
+
+def _grid_tips(study: FloquetStudy, x: FloatArray, depth: FloatArray) -> list[tuple[float, float, str]]:
+    """Lowest unstable depth, its speed and the full name of every tongue the grid shows, lowest first."""
+    tips: list[tuple[float, float, str]] = []
+    for index, tongue in enumerate(study.map.tongues):
+        inside = (study.map.tongue_index == index) & study.map.unstable
+        if not inside.any():
+            continue
+        columns = np.flatnonzero(inside.any(axis=1))
+        lowest = [float(depth[np.flatnonzero(inside[c])[0]]) for c in columns]
+        best = int(np.argmin(lowest))
+        tips.append((lowest[best], float(x[columns[best]]), tongue.name))
+    return sorted(tips)
+
+
+def tongue_tips(study: FloquetStudy) -> list[tuple[str, float, float]]:
+    """Every resonance of a map once: name, smallest unstable depth (%), its speed (km/h); lowest first.
+
+    Tips found between the grid's speeds are lower than what the grid shows, and take precedence.
+    """
+    x, depth = study.map.parameter * _KILOMETRES_PER_HOUR, 100.0 * study.map.depths
+    found = [(low, at, name) for low, at, name in _grid_tips(study, x, depth)]
+    found += [
+        (100.0 * s.threshold, s.parameter * _KILOMETRES_PER_HOUR, s.name)
+        for s in study.map.seeded
+        if np.isfinite(s.threshold)
+    ]
+    best: dict[str, tuple[float, float]] = {}
+    for low, at, name in sorted(found):
+        best.setdefault(tongue_words(name), (low, at))
+    return [(name, low, at) for name, (low, at) in best.items()]
 
 
 def _bands(study: FloquetStudy, limits: tuple[float, float]) -> Panel:
@@ -124,10 +147,24 @@ def tongue_words(name: str) -> str:
     return "no resonance: unstable by itself" if name in ("none", "") else name
 
 
+def short_words(name: str) -> str:
+    """A tongue's name without the modes' labels, as figures show it: "2 w1", "w1 + w2", "(w1 + w2)/2"."""
+    words = tongue_words(name)
+    head, order, _ = words.partition("/")
+    if not order:
+        return words
+    k = order + words[len(head) + 1 :].split(" ")[0]
+    return head.strip("()") if k == "/1" else f"{head}{k}"
+
+
 def resonance_words(label: str, study: FloquetStudy) -> str:
     """The map in words."""
     if bool(np.all(study.map.unstable[:, 0])) and study.map.depths[0] == 0.0:
         return f"{label} is unstable without any modulation at every speed of the map; there is nothing to survive."
+    if np.isnan(study.worst_depth):
+        return (
+            f"Resonance map of {label}: UNRESOLVED, the two engines do not agree where the smallest depth is decided."
+        )
     worst = (
         f"the smallest unstable depth is {number(100 * study.worst_depth, '%')} at "
         f"{number(study.worst_speed * _KILOMETRES_PER_HOUR, 'km/h')} ({tongue_words(study.worst_resonance)})"

@@ -9,7 +9,7 @@ from maglev_ctrl.analysis.margins import ChannelMargins, Margins
 from maglev_ctrl.errors import Agreement
 from maglev_ctrl.report.charts_margins import disk_value, nyquist
 from maglev_ctrl.report.charts_modes import boundary_words, energy_ledger, other_sweeps, root_locus, speed_chart
-from maglev_ctrl.report.charts_periodic import resonance_chart, resonance_words, tongue_words
+from maglev_ctrl.report.charts_periodic import resonance_chart, resonance_words, tongue_tips, tongue_words
 from maglev_ctrl.report.charts_shapes import mode_shapes
 from maglev_ctrl.report.groups import largest_feeder
 from maglev_ctrl.report.model import Banner, Block, Bullets, Cell, FigureBlock, Paragraph, Section, Table, row
@@ -17,6 +17,7 @@ from maglev_ctrl.report.style import ABSENT, ALPHA, number
 from maglev_ctrl.study.records import Comparison, FloquetStudy, OptionStudy, Sweep
 
 _MOST_MODES = 12
+_MOST_TONGUES = 12
 _KILOMETRES_PER_HOUR = 3.6
 
 
@@ -204,6 +205,12 @@ def _periodic_blocks(comparison: Comparison, option: OptionStudy) -> list[Block]
     chart = resonance_chart(option, design_speed=comparison.design_speed)
     if chart is not None:
         blocks.append(FigureBlock(chart))
+    tips = tongue_tips(study)
+    if tips:
+        lines = tuple(row(name, number(low, "%"), number(at, "km/h")) for name, low, at in tips[:_MOST_TONGUES])
+        more = f" (lowest {_MOST_TONGUES} of {len(tips)})" if len(tips) > _MOST_TONGUES else ""
+        caption = f"Resonances of {option.label}{more}, modes counted by frequency: where each begins"
+        blocks.append(Table(caption, ("Resonance", "From depth", "At speed"), lines, (3.0, 1.0, 1.0), (1, 2)))
     if study.no_go_ranges:
         rows = tuple(
             row(number(a * _KILOMETRES_PER_HOUR, "km/h"), number(b * _KILOMETRES_PER_HOUR, "km/h"), tongue_words(name))

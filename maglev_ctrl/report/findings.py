@@ -101,6 +101,8 @@ def _resonance(option: OptionStudy) -> list[str]:
     study = option.floquet
     if study is None:
         return []
+    if math.isnan(study.worst_depth):
+        return [f"What guideway modulation {option.label} survives is UNRESOLVED: the two engines do not agree."]
     if not math.isfinite(study.worst_depth):
         return [f"{option.label} survives guideway modulation up to {number(100 * study.largest_depth, '%')} at every "
                 "speed of the map that is stable without it."]  # fmt: skip
