@@ -187,6 +187,7 @@ def _without(rest: list[Interval], proven: Interval) -> list[Interval]:
     left: list[Interval] = []
     for a, b in rest:
         for c, d in ((a, min(b, low)), (max(a, high), b)):
-            if d > c and (d - c > 1e-8 * d or (c == 0.0 and d > 0.0)):
+            # An interval without end is no sliver: inf - c > 1e-8 inf would say so.
+            if d > c and (not np.isfinite(d) or d - c > 1e-8 * d or c == 0.0):
                 left.append((c, d))
     return left

@@ -36,7 +36,8 @@ class RequirementResult:
     margin_percent: float  # positive = inside the limit; NaN when undefined
     worst_at: str  # the operating point that decides, e.g. "speed 153 km/h"
     method: str  # how it was computed and what confirmed it
-    reason: str  # why it failed or could not be evaluated; "" for PASS
+    reason: str  # why it failed or could not be evaluated; for a bound that passes, what it is a bound of; else ""
+    bound: Literal["exact", "lower", "upper"]  # "lower": the true value is at least `value`, e.g. where a sweep ended
 
 
 @dataclass(frozen=True, eq=False, slots=True)

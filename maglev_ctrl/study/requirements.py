@@ -18,6 +18,7 @@ from maglev_ctrl.study.evidence import Evidence
 from maglev_ctrl.study.records import RequirementResult, Sweep
 from maglev_ctrl.study.sweeps import least_damping
 
+ROUNDING = 1e-12
 EIGENVALUES = "eigenvalues with error bounds, confirmed by Lyapunov inertia"
 
 
@@ -52,7 +53,7 @@ def judge(requirement: RequirementRecord, evidence: Evidence) -> RequirementResu
         quantity=requirement.quantity,
         description=f"{DESCRIPTIONS[requirement.quantity]}, {_scope(requirement)}",
         sense=sense,
-        limit=limit * scale,
+        limit=shown(limit * scale),
         value=finding.value * scale,
         unit=unit,
         verdict=verdict,
@@ -60,6 +61,7 @@ def judge(requirement: RequirementRecord, evidence: Evidence) -> RequirementResu
         worst_at=finding.where,
         method=finding.method,
         reason=reason,
+        bound=finding.bound,
     )
 
 
@@ -68,10 +70,16 @@ def not_evaluated(requirement: RequirementRecord, reason: str) -> RequirementRes
     return RequirementResult(
         name=requirement.name, quantity=requirement.quantity,
         description=f"{DESCRIPTIONS[requirement.quantity]}, {_scope(requirement)}",
-        sense=requirement.sense, limit=requirement.limit * SHOWN.get(requirement.quantity, ("", 1.0))[1],
+        sense=requirement.sense,
+        limit=shown(requirement.limit * SHOWN.get(requirement.quantity, ("", 1.0))[1]),
         value=math.nan, unit=SHOWN.get(requirement.quantity, ("", 1.0))[0],
-        verdict=Verdict.NOT_EVALUATED, margin_percent=math.nan, worst_at="", method="", reason=reason,
+        verdict=Verdict.NOT_EVALUATED, margin_percent=math.nan, worst_at="", method="", reason=reason, bound="exact",
     )  # fmt: skip
+
+
+def shown(limit: float) -> float:
+    """A limit without the rounding of its unit: 30 deg is 30, not 29.999999999999996."""
+    return float(f"{limit:.12g}")
 
 
 def _scope(requirement: RequirementRecord) -> str:
@@ -91,11 +99,14 @@ def _scope(requirement: RequirementRecord) -> str:
 def _decide(finding: Finding, limit: float, sense: str) -> tuple[Verdict, str]:
     if math.isnan(finding.value):
         return Verdict.NOT_EVALUATED, finding.reason or "no value could be computed"
-    inside = finding.value >= limit if sense == "at_least" else finding.value <= limit
+    slack = ROUNDING * abs(limit)  # units are converted on the way in; a limit met exactly is met
+    inside = finding.value >= limit - slack if sense == "at_least" else finding.value <= limit + slack
     proves = {"exact": True, "lower": inside == (sense == "at_least"), "upper": inside == (sense == "at_most")}
     if not proves[finding.bound]:
         return Verdict.NOT_EVALUATED, f"only a {finding.bound} bound is known: {finding.reason}"
-    return (Verdict.PASS, "") if inside else (Verdict.FAIL, finding.reason)
+    if not inside:
+        return Verdict.FAIL, finding.reason
+    return Verdict.PASS, "" if finding.bound == "exact" else finding.reason
 
 
 def _margin_percent(value: float, limit: float, sense: str) -> float:
@@ -212,10 +223,10 @@ def _boundary_margin(parameter: str, *, relative: bool) -> Callable[[Evidence, s
         margin = margin_to_boundary(sweep.boundaries, value)
         found = margin.relative if relative else margin.distance
         where = _show(sweep, margin.at)
-        method = "bisection of the stability boundary"
         if margin.kind == "boundary":
-            return Finding(found, where, method, f"stability is lost at {where}")
-        return Finding(found, where, method, f"no boundary found up to {where} ({margin.reason})", bound="lower")
+            return Finding(found, where, "bisection of the stability boundary", f"stability is lost at {where}")
+        why = f"no instability found up to {where} ({margin.reason})"
+        return Finding(found, where, "search of the whole sweep for stability boundaries", why, bound="lower")
 
     return find
 

@@ -190,7 +190,7 @@ def _judge(name: str, words: str, sense: str, limit: float, value: float, unit: 
     return RequirementResult(
         name=name, quantity=name, description=words, sense=sense, limit=limit, value=value, unit=unit,  # type: ignore[arg-type]
         verdict=verdict, margin_percent=margin, worst_at="speed 500 km/h", method="eigenvalues, confirmed by inertia",
-        reason=why,
+        reason=why, bound="exact",
     )  # fmt: skip
 
 

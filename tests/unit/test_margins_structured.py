@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from maglev_ctrl.analysis.hamiltonian import response
+from maglev_ctrl.analysis.loops import Loop
+from maglev_ctrl.analysis.margins import loop_margins
 from maglev_ctrl.analysis.structured import mu_lower, mu_upper, phases_from_scaling, scaled
-from maglev_ctrl.analysis.structured_peak import structured_peak
+from maglev_ctrl.analysis.structured_peak import _without, structured_peak
 from maglev_ctrl.arrays import ComplexArray
 
 
@@ -90,3 +92,48 @@ def test_narrow_peak_is_found_without_seeds() -> None:
     grid = max(mu_upper(v, target=np.inf).value for v in response(A, B, C, np.zeros((2, 2)), np.logspace(-1, 3, 300)))
     assert peak.lower == pytest.approx(peak.upper, rel=1e-3)
     assert grid < 0.5 * peak.lower  # mutant: a grid alone misses it
+
+
+def test_what_lies_above_the_first_proven_interval_is_not_forgotten() -> None:
+    assert _without([(0.0, np.inf)], (0.0, 21.54)) == [(21.54, np.inf)]
+    assert _without([(21.54, np.inf)], (20.0, np.inf)) == []
+    assert _without([(0.0, 1.0)], (0.0, 1.0 - 1e-12)) == []
+
+
+def test_a_peak_above_the_first_resonance_is_found() -> None:
+    """Two decoupled channels, a low and a high resonance: the worst is the high one, 1/|S - 1/2| by hand."""
+
+    def block(omega: float, damping: float, gain: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        A = np.array([[0.0, 1.0], [-(omega**2), -2.0 * damping * omega]])
+        return A, np.array([[0.0], [1.0]]), np.array([[0.0, gain * omega]])
+
+    (A_1, B_1, C_1), (A_2, B_2, C_2) = block(2.0, 0.3, 0.5), block(40.0, 0.05, 0.9)
+    zero = np.zeros((2, 2))
+    A, B, C = np.block([[A_1, zero], [zero, A_2]]), np.zeros((4, 2)), np.zeros((2, 4))
+    B[:2, :1], B[2:, 1:], C[:1, :2], C[1:, 2:] = B_1, B_2, C_1, -0.99 * C_2 / 9.0
+    found = loop_margins(Loop(A, B, C, np.zeros((2, 2)), ("low", "high"))).multi_loop
+    grid = np.geomspace(0.1, 1e3, 400_001)
+    s = 1j * grid[:, None]
+    transfer = [C[i] @ B[:, i] * s[:, 0] / (s[:, 0] ** 2 + 2 * z * w * s[:, 0] + w**2)
+                for i, (w, z) in enumerate(((2.0, 0.3), (40.0, 0.05)))]  # fmt: skip
+    alpha = min(float(np.min(1.0 / np.abs(1.0 / (1.0 + L) - 0.5))) for L in transfer)
+    assert found.alpha == pytest.approx(alpha, rel=1e-5)
+
+
+@pytest.mark.parametrize("seed", [0, 3, 11])
+def test_no_frequency_of_a_dense_grid_exceeds_the_peak(seed: int) -> None:
+    """Random stable systems with resonances decades apart: the proven peak covers the lower bound everywhere."""
+    generator = np.random.default_rng(seed)
+    channels, pairs = int(generator.integers(2, 4)), 4
+    A = np.zeros((2 * pairs, 2 * pairs))
+    for k, (omega, zeta) in enumerate(
+        zip(10.0 ** generator.uniform(-1, 3, pairs), generator.uniform(0.01, 0.5, pairs), strict=False)
+    ):
+        A[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = [[-zeta * omega, omega], [-omega, -zeta * omega]]
+    B, C = generator.normal(size=(2 * pairs, channels)), generator.normal(size=(channels, 2 * pairs))
+    D = 0.3 * generator.normal(size=(channels, channels))
+    found = structured_peak(A, B, C, D, seeds=np.array([1.0]))
+    grid = np.geomspace(1e-2, 1e4, 90)
+    largest = max(mu_lower(matrix).value for matrix in response(A, B, C, D, grid))
+    assert largest <= found.upper * (1.0 + 1e-9)
+    assert found.lower <= found.upper * (1.0 + 1e-9)
