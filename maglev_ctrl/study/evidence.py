@@ -21,20 +21,21 @@ class MarginPoint:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class SweepCheck:
-    """The worst point of a sweep, examined again with error bounds and a second method."""
+    """A point that may decide, examined by several methods; `doubt` says what speaks against its modes."""
 
     where: str
     modes: Modes
+    doubt: str
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Evidence:
     """All that was computed for one option.
 
-    `sweep_checks` holds, by parameter, the modes at the sweep point of largest growth and at that of least damping.
+    `design` is the design point; `sweep_checks` holds, by parameter, the places of largest growth and least damping.
     """
 
-    modes: Modes
+    design: SweepCheck
     sweeps: Mapping[str, Sweep]
     sweep_checks: Mapping[str, tuple[SweepCheck, ...]]
     margin_points: tuple[MarginPoint, ...]

@@ -12,6 +12,7 @@ from maglev_ctrl.analysis.margins import Margins, loop_margins
 from maglev_ctrl.analysis.modes import modes
 from maglev_ctrl.errors import MaglevError, ModelError, NotStable, OutOfDomain
 from maglev_ctrl.scenario import OptionRecord, Scenario, describe_option
+from maglev_ctrl.study.delays import settled_modes
 from maglev_ctrl.study.evidence import Evidence, MarginPoint, SweepCheck
 from maglev_ctrl.study.law import delayed_certificate, design_law
 from maglev_ctrl.study.loops import nyquist_curves, option_loops, root_locus
@@ -19,7 +20,7 @@ from maglev_ctrl.study.periodic import floquet_study
 from maglev_ctrl.study.records import FloquetStudy, NyquistCurve, OptionStudy, RootLocus, Sweep
 from maglev_ctrl.study.requirements import judge, not_evaluated
 from maglev_ctrl.study.situation import OptionModel, Situation
-from maglev_ctrl.study.sweeps import sweep, sweep_values, varied
+from maglev_ctrl.study.sweeps import sweep, sweep_values, varied, worst_places
 from maglev_ctrl.synthesis.design import Design
 from maglev_ctrl.systems import Controller
 
@@ -62,6 +63,7 @@ def _study(model: OptionModel, option: OptionRecord, blank: OptionStudy, step: S
     notes = _notes(model, design)
     closed = model.closed_of(blank.vehicle, point, controller)
     found = modes(closed)
+    settled, doubt = settled_modes(model, blank.vehicle, point, controller)
     step("sweeps")
     sweeps = tuple(sweep(model, controller, parameter=name, values=values) for name, values in sweep_values(scenario))
     checks: dict[str, tuple[SweepCheck, ...]] = {one.parameter: _checks(model, controller, one) for one in sweeps}
@@ -71,7 +73,7 @@ def _study(model: OptionModel, option: OptionRecord, blank: OptionStudy, step: S
     periodic, periodic_reason = _periodic(model, controller)
     step("requirements")
     evidence = Evidence(
-        modes=found,
+        design=SweepCheck("design point", settled, doubt),
         sweeps={one.parameter: one for one in sweeps},
         sweep_checks=checks,
         margin_points=margin_points,
@@ -110,18 +112,14 @@ def _notes(model: OptionModel, design: Design | None) -> tuple[str, ...]:
 
 
 def _checks(model: OptionModel, controller: Controller | None, one: Sweep) -> tuple[SweepCheck, ...]:
-    """The points of largest growth (also between sweep points) and of least damping, examined by two methods."""
+    """The places of largest growth and of least damping, also between sweep points, examined by further methods."""
     design = Situation.of_design(model.scenario)
-    worst: list[float] = []
-    if np.any(np.isfinite(one.boundaries.abscissa)):
-        worst.append(float(one.boundaries.parameter[int(np.nanargmax(one.boundaries.abscissa))]))
-    if np.any(np.isfinite(one.least_damping)):
-        worst.append(float(one.values[int(np.nanargmin(one.least_damping))]))
     found: list[SweepCheck] = []
-    for value in dict.fromkeys(worst):
+    for value in worst_places(model, controller, one):
         situation = varied(design, one.parameter, value)
-        closed = model.closed_of(model.vehicle(situation.payload), situation, controller)
-        found.append(SweepCheck(f"{one.parameter.replace('_', ' ')} {value * one.scale:.4g} {one.unit}", modes(closed)))
+        settled, doubt = settled_modes(model, model.vehicle(situation.payload), situation, controller)
+        where = f"{one.parameter.replace('_', ' ')} {value * one.scale:.4g} {one.unit}"
+        found.append(SweepCheck(where, settled, doubt))
     return tuple(found)
 
 

@@ -19,7 +19,10 @@ from maglev_ctrl.systems import Controller, PeriodicSystem, close_loop, modulate
 from maglev_ctrl.vehicle import Actuator, Vehicle, linearize, stiffness_modulation
 
 BRACKET = 1e-3  # the deciding depth is checked this far (relative) on either side
-VALLEYS = 3  # this many of the lowest valleys of the critical depth are followed to their bottom
+SHORT = 0.2  # rad: largest delay times frequency of a mode at which a delay may be merged into a lag on the map
+LIGHT = 0.5  # damping ratio above which a mode does not resonate
+UNRESOLVED = "UNRESOLVED: the two engines disagree"
+VALLEYS = 4  # this many of the lowest valleys of the critical depth are followed to their bottom
 PROBES = 2  # where a map shows no instability, this many of its least stable speeds are checked on the full model
 
 
@@ -27,10 +30,10 @@ PROBES = 2  # where a map shows no instability, this many of its least stable sp
 class _Forcing:
     """The option's periodic system at any speed, its modulation at unit depth.
 
-    `slowed` is the vehicle the map is drawn for: a Pade form of a delay of milliseconds has poles a hundred times
-    faster than anything the guideway excites, and integrating them over a whole map would cost more than all the rest.
-    There each actuator has one lag with the same phase at low frequency. Every number that decides a requirement is
-    computed on the full model.
+    `slowed` is the vehicle the map is drawn for. Where the delays are short against every mode, their Pade poles are a
+    hundred times faster than anything the guideway excites, and integrating them over a whole map would cost more than
+    all the rest: there each actuator has one lag with the same phase at low frequency. Elsewhere it is the vehicle
+    itself. The deciding depth is always computed on the full model.
     """
 
     model: OptionModel
@@ -42,8 +45,15 @@ class _Forcing:
     @classmethod
     def of(cls, model: OptionModel, controller: Controller | None, periodic: Periodic) -> _Forcing:
         vehicle = model.vehicle()
-        slowed = replace(vehicle, actuators=tuple(_slowed(actuator) for actuator in vehicle.actuators))
+        slowed = vehicle
+        if _delays_are_short(model, vehicle, controller):
+            slowed = replace(vehicle, actuators=tuple(_slowed(actuator) for actuator in vehicle.actuators))
         return cls(model, vehicle, slowed, controller, periodic)
+
+    @property
+    def merged(self) -> bool:
+        """Whether the map's model merges delay and bandwidth of its actuators."""
+        return self.slowed is not self.vehicle
 
     def at(self, speed: float, *, full: bool = True) -> PeriodicSystem:
         """The periodic system at a speed, of the full model or of the one with slowed actuators."""
@@ -71,12 +81,15 @@ def floquet_study(model: OptionModel, controller: Controller | None) -> FloquetS
     forcing = _Forcing.of(model, controller, periodic)
     bare = _Forcing.of(OptionModel(model.scenario, None), None, periodic)
     speeds, systems = _over_speed(forcing)
-    depths = np.linspace(periodic.map.depth.first, periodic.map.depth.last, periodic.map.depth.count)
+    depths = _depths(periodic)
     atlas = resonance_map(
         np.stack([s.A_0 for s in systems]), np.stack([s.A_cos for s in systems]),
         np.stack([s.A_sin for s in systems]), np.array([float(s.frequency) for s in systems]), depths,
         parameter=speeds, parameter_name="speed", states=systems[0].states,
     )  # fmt: skip
+    if forcing.merged:
+        note = "; delay and bandwidth of each actuator merged into one lag, the deciding depth on the full model"
+        atlas = replace(atlas, method=atlas.method + note)
     curve = critical_depths(atlas)
     worst = _worst(forcing, atlas, curve)
     design_speed = model.scenario.operating.speed
@@ -128,8 +141,10 @@ def speed_ranges(
     interval they lie in.
     """
     speeds = atlas.parameter
-    blocked = curve <= depth
+    unresolved = np.any(atlas.unresolved, axis=1)
+    blocked = (curve <= depth) | unresolved
     names = [_name_at(atlas, k) if blocked[k] else "" for k in range(len(speeds))]
+    names = [UNRESOLVED if doubt else name for doubt, name in zip(unresolved, names, strict=True)]
     for seed in atlas.seeded:
         # A tongue that the grid shows at greater depth may still be between its columns at this one.
         if seed.threshold <= depth:
@@ -177,11 +192,17 @@ def _worst(forcing: _Forcing, atlas: ResonanceMap, curve: FloatArray) -> tuple[f
     bottom between the columns; the deepest of them is decided on the full model.
     """
     largest = float(atlas.depths[-1])
-    if np.any(atlas.unstable[:, 0]) and atlas.depths[0] == 0.0:
+    if np.any(atlas.unstable[:, 0]):
         column = int(np.argmax(atlas.growth_rate[:, 0]))
-        return 0.0, float(atlas.parameter[column]), "unstable without modulation"
-    bottoms = [_bottom(forcing, low, high, largest) for low, high in _valleys(atlas, curve)]
+        speed = float(atlas.parameter[column])
+        grows = np.max(np.linalg.eigvals(forcing.at(speed).A_0).real) > 0.0
+        return (0.0 if grows else float("nan")), speed, "unstable without modulation"
+    valleys = _valleys(atlas, curve)
+    bottoms = [_bottom(forcing, valley, largest) for valley in valleys]
     found = [bottom for bottom in bottoms if np.isfinite(bottom[0])]
+    if not found and valleys:
+        # Something was seen and its bottom was not found: that is not calm.
+        return float("nan"), valleys[0][1], ""
     if not found:
         calm = not np.any(atlas.unresolved) and _calm(forcing, atlas)
         return (float("inf") if calm else float("nan")), float(atlas.parameter[0]), ""
@@ -191,35 +212,50 @@ def _worst(forcing: _Forcing, atlas: ResonanceMap, curve: FloatArray) -> tuple[f
     return (decided.depth if _confirmed(forcing, speed, decided) else float("nan")), speed, name
 
 
-def _valleys(atlas: ResonanceMap, curve: FloatArray) -> list[tuple[float, float]]:
-    """Speed intervals around the lowest local minima of the critical depth and around the lowest seeded tongues."""
+def _valleys(atlas: ResonanceMap, curve: FloatArray) -> list[tuple[float, float, float]]:
+    """Speeds (low, at, high) around the lowest local minima of the critical depth and the lowest seeded tongues."""
     speeds, last = atlas.parameter, len(atlas.parameter) - 1
     places = [
-        (float(curve[k]), float(speeds[max(k - 1, 0)]), float(speeds[min(k + 1, last)]))
+        (float(curve[k]), float(speeds[max(k - 1, 0)]), float(speeds[k]), float(speeds[min(k + 1, last)]))
         for k in range(last + 1)
         if np.isfinite(curve[k]) and curve[k] <= curve[max(k - 1, 0)] and curve[k] <= curve[min(k + 1, last)]
     ]
     step = float(np.max(np.diff(speeds)))
     for seed in atlas.seeded:
-        if np.isfinite(seed.threshold) and speeds[0] <= seed.parameter <= speeds[last]:
+        if seed.threshold <= atlas.depths[-1] and speeds[0] <= seed.parameter <= speeds[last]:
             low, high = np.clip([seed.parameter - 0.5 * step, seed.parameter + 0.5 * step], speeds[0], speeds[last])
-            places.append((seed.threshold, float(low), float(high)))
-    return [(low, high) for _, low, high in sorted(places)[:VALLEYS]]
+            places.append((seed.threshold, float(low), float(seed.parameter), float(high)))
+    return [(low, at, high) for _, low, at, high in sorted(places)[:VALLEYS]]
 
 
-def _bottom(forcing: _Forcing, low: float, high: float, largest: float) -> tuple[float, float]:
-    """Smallest critical depth of the map's model between two speeds, and where it is."""
+def _bottom(forcing: _Forcing, valley: tuple[float, float, float], largest: float) -> tuple[float, float]:
+    """Smallest critical depth of the map's model in a valley, and its speed."""
+    low, at, high = valley
+    seen: dict[float, float] = {}
 
     def depth(speed: float) -> float:
-        return critical_depth(forcing.at(speed, full=False), depth_max=largest).depth
+        # Where nothing is unstable the depth counts as twice the largest: a plateau the search can leave.
+        if speed not in seen:
+            seen[speed] = critical_depth(forcing.at(speed, full=False), depth_max=largest).depth
+        return min(seen[speed], 2.0 * largest)
 
-    # Where nothing is unstable the depth counts as twice the largest, so that the search has a slope to leave by.
-    found = minimize_scalar(
-        lambda v: min(depth(float(v)), 2.0 * largest), bounds=(low, high), method="bounded",
-        options={"xatol": 5e-3 * (high - low), "maxiter": 12},
-    )  # fmt: skip
-    candidates = [(depth(v), v) for v in (float(found.x), 0.5 * (low + high))]
-    return min(candidates)
+    def search(left: float, right: float) -> None:
+        if right - left > 1e-9 * right:
+            minimize_scalar(
+                lambda v: depth(float(v)), bounds=(left, right), method="bounded",
+                options={"xatol": 1e-3 * (right - left), "maxiter": 12},
+            )  # fmt: skip
+
+    # One search on either side of what is known, because a tongue may be narrower than the valley; then between the
+    # neighbours of the lowest point met.
+    depth(at)
+    search(low, at)
+    search(at, high)
+    met = sorted(seen)
+    lowest = min(range(len(met)), key=lambda k: seen[met[k]])
+    search(met[max(lowest - 1, 0)], met[min(lowest + 1, len(met) - 1)])
+    speed = min(seen, key=lambda v: seen[v])
+    return seen[speed], speed
 
 
 def _calm(forcing: _Forcing, atlas: ResonanceMap) -> bool:
@@ -228,6 +264,26 @@ def _calm(forcing: _Forcing, atlas: ResonanceMap) -> bool:
     largest = float(atlas.depths[-1])
     found = (floquet(at_depth(forcing.at(float(atlas.parameter[k])), largest)) for k in least_stable)
     return all(one.stable is True for one in found)
+
+
+def _delays_are_short(model: OptionModel, vehicle: Vehicle, controller: Controller | None) -> bool:
+    """Whether every actuator's delay is short against every oscillating mode at the design point."""
+    longest = max((actuator.delay for actuator in vehicle.actuators), default=0.0)
+    if longest == 0.0:
+        return True
+    s = np.linalg.eigvals(model.closed_of(vehicle, Situation.of_design(model.scenario), controller).state_matrix())
+    oscillating = s[(s.imag > 0.0) & (-s.real < LIGHT * np.abs(s))]
+    fastest = float(np.max(np.abs(oscillating))) if oscillating.size else 0.0
+    return longest * fastest <= SHORT
+
+
+def _depths(periodic: Periodic) -> FloatArray:
+    """The map's depths, with none and with the expected one: what is said of them has to have been computed."""
+    grid = periodic.map.depth
+    levels = np.linspace(grid.first, grid.last, grid.count)
+    extra = [0.0] if grid.first > 0.0 else []
+    extra += [periodic.depth] if periodic.depth > grid.last else []
+    return np.asarray(np.unique(np.concatenate([levels, extra])))
 
 
 def _slowed(actuator: Actuator) -> Actuator:

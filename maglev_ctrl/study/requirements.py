@@ -14,7 +14,7 @@ from maglev_ctrl.analysis.margins import Margins
 from maglev_ctrl.analysis.modes import Modes, StabilityVerdict
 from maglev_ctrl.errors import Agreement, Verdict
 from maglev_ctrl.scenario import RequirementRecord
-from maglev_ctrl.study.evidence import Evidence
+from maglev_ctrl.study.evidence import Evidence, SweepCheck
 from maglev_ctrl.study.records import RequirementResult, Sweep
 from maglev_ctrl.study.sweeps import least_damping
 
@@ -117,58 +117,56 @@ def _margin_percent(value: float, limit: float, sense: str) -> float:
     return 100.0 * distance / abs(limit)
 
 
-def _resolved(found: Modes) -> str:
-    """Why the verdict of these modes is not certain; '' when two methods agree."""
-    return "" if found.verdict is not StabilityVerdict.UNRESOLVED else found.verdict.value
+def _resolved(check: SweepCheck) -> str:
+    """Why the verdict at this point is not certain; '' when all methods agree."""
+    unresolved = check.modes.verdict is StabilityVerdict.UNRESOLVED
+    doubt = check.modes.verdict.value if unresolved else check.doubt
+    return f"at {check.where}: {doubt}" if doubt else ""
 
 
 def _growth_rate(evidence: Evidence, over: str) -> Finding:
     if over == "nominal":
-        value = evidence.modes.spectral_abscissa
-        doubt = _resolved(evidence.modes)
-        return missing(doubt) if doubt else Finding(value, "design point", EIGENVALUES, _cause(evidence.modes))
+        return _growth_of(evidence.design)
     sweep = evidence.sweeps.get(over)
     if sweep is None:
         return missing(f"the scenario has no {over} sweep")
-    problem = _holes(sweep)
     worst = _worst_check(evidence, over, lambda m: m.spectral_abscissa)
     if worst is None:
-        return missing(problem or "no point of the sweep could be evaluated")
-    where, found = worst
-    doubt = _resolved(found)
-    if doubt:
-        return missing(f"at {where}: {doubt}")
-    if problem and found.spectral_abscissa < 0.0:
-        return missing(problem)
-    return Finding(found.spectral_abscissa, where, EIGENVALUES, _cause(found))
+        return missing(_holes(sweep) or "no point of the sweep could be evaluated")
+    finding = _growth_of(worst)
+    return missing(_holes(sweep)) if _holes(sweep) and not finding.value >= 0.0 else finding
+
+
+def _growth_of(check: SweepCheck) -> Finding:
+    doubt = _resolved(check)
+    found = check.modes
+    return missing(doubt) if doubt else Finding(found.spectral_abscissa, check.where, EIGENVALUES, _cause(found))
 
 
 def _damping_ratio(evidence: Evidence, over: str) -> Finding:
     if over == "nominal":
-        return _damping_of(evidence.modes, "design point")
+        return _damping_of(evidence.design)
     sweep = evidence.sweeps.get(over)
     if sweep is None:
         return missing(f"the scenario has no {over} sweep")
-    problem = _holes(sweep)
     worst = _worst_check(evidence, over, lambda m: -_damping_or_divergence(m))
     if worst is None:
-        return missing(problem or "no point of the sweep could be evaluated")
-    where, found = worst
-    finding = _damping_of(found, where)
-    return missing(problem) if problem and not finding.value <= 0.0 else finding
+        return missing(_holes(sweep) or "no point of the sweep could be evaluated")
+    finding = _damping_of(worst)
+    return missing(_holes(sweep)) if _holes(sweep) and not finding.value <= 0.0 else finding
 
 
-def _damping_of(found: Modes, where: str) -> Finding:
-    """Least damping ratio at one point; where the verdict is unresolved, the most it can be within the error bounds."""
-    doubt = _resolved(found)
+def _damping_of(check: SweepCheck) -> Finding:
+    """Least damping ratio at one point; where eigenvalues cannot be told from the axis, the most it can be."""
+    found, doubt = check.modes, _resolved(check)
     if not doubt:
-        return Finding(_damping_or_divergence(found), where, EIGENVALUES, _cause(found))
+        return Finding(_damping_or_divergence(found), check.where, EIGENVALUES, _cause(found))
     oscillating = found.s.imag > found.error_bound
-    if not np.any(oscillating):
-        return missing(f"at {where}: {doubt}")
+    if check.doubt or not np.any(oscillating):
+        return missing(doubt)
     most = (found.error_bound - found.s.real)[oscillating] / np.abs(found.s[oscillating])
     reason = f"not distinguishable from undamped within the error bound ({found.labels[found.critical]})"
-    return Finding(float(np.min(most)), where, EIGENVALUES, reason, bound="upper")
+    return Finding(float(np.min(most)), check.where, EIGENVALUES, reason, bound="upper")
 
 
 def _damping_or_divergence(found: Modes) -> float:
@@ -179,12 +177,10 @@ def _damping_or_divergence(found: Modes) -> float:
     return 1.0 if math.isnan(value) else value
 
 
-def _worst_check(evidence: Evidence, over: str, badness: Callable[[Modes], float]) -> tuple[str, Modes] | None:
+def _worst_check(evidence: Evidence, over: str, badness: Callable[[Modes], float]) -> SweepCheck | None:
+    """The worst point of a sweep; one that is in doubt goes before all others."""
     checks = evidence.sweep_checks.get(over, ())
-    if not checks:
-        return None
-    worst = max(checks, key=lambda check: badness(check.modes))
-    return worst.where, worst.modes
+    return max(checks, key=lambda check: (bool(check.doubt), badness(check.modes)), default=None)
 
 
 def _cause(found: Modes) -> str:
@@ -215,10 +211,10 @@ def _boundary_margin(parameter: str, *, relative: bool) -> Callable[[Evidence, s
         value = evidence.design_values[parameter]
         if not sweep.boundaries.lower <= value <= sweep.boundaries.upper:
             return missing(f"the design {parameter} lies outside its sweep")
-        doubt = _resolved(evidence.modes)
+        doubt = _resolved(evidence.design)
         if doubt:
-            return missing(f"at the design point: {doubt}")
-        if not evidence.modes.stable:
+            return missing(doubt)
+        if not evidence.design.modes.stable:
             return Finding(0.0, "design point", EIGENVALUES, "not stable at the design point")
         margin = margin_to_boundary(sweep.boundaries, value)
         found = margin.relative if relative else margin.distance
@@ -289,13 +285,16 @@ def _modulation(*, ratio: bool) -> Callable[[Evidence, str], Finding]:
             return missing("the two Floquet engines disagree where the modulation depth is decided")
         where = f"speed {study.worst_speed * 3.6:.4g} km/h, {study.worst_resonance}"
         method = "propagators and harmonic balance agree; bisection in depth"
-        depth, bound = study.worst_depth, "exact"
+        depth = study.worst_depth
+        bound: Literal["exact", "lower", "upper"] = "exact"
         if math.isinf(depth):
             depth, bound, where = study.largest_depth, "lower", f"no instability up to depth {study.largest_depth:.3g}"
+        elif np.any(study.map.unresolved):
+            bound, where = "upper", f"{where}; elsewhere on the map the two engines disagree"
         if ratio and study.expected_depth == 0.0:
             return missing("the expected modulation depth is zero")
         value = depth / study.expected_depth if ratio else depth
-        return Finding(value, where, method, where, bound="lower" if bound == "lower" else "exact")
+        return Finding(value, where, method, where, bound=bound)
 
     return find
 

@@ -6,11 +6,12 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from maglev_ctrl.analysis.boundary import Boundaries, stability_boundaries
 from maglev_ctrl.analysis.modes import Modes, modes
 from maglev_ctrl.analysis.tracking import ModeTracks, track
-from maglev_ctrl.arrays import FloatArray, read_only_any
+from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only_any
 from maglev_ctrl.errors import ModelError, OutOfDomain
 from maglev_ctrl.scenario import Scenario
 from maglev_ctrl.study.records import Sweep, SweepName
@@ -26,6 +27,9 @@ DISPLAY: dict[SweepName, tuple[str, float]] = {
     "lateral_offset": ("mm", 1e3),
 }
 """Display unit of each parameter and the factor from SI."""
+
+DENSE = 20
+"""A sweep of fewer points is searched for its worst place on twice as many."""
 
 
 def varied(design: Situation, parameter: SweepName, value: float) -> Situation:
@@ -99,6 +103,52 @@ def least_damping(found: Modes) -> float:
     return float(np.min(found.damping_ratio[oscillating])) if np.any(oscillating) else float("nan")
 
 
+def worst_places(model: OptionModel, controller: Controller | None, one: Sweep) -> tuple[float, ...]:
+    """Where along a sweep growth is largest and damping least, also between its points; and the two ends.
+
+    The neighbourhood of the worst sample is searched; a sweep of few points is first made twice as dense.
+    """
+    closed = _closed_at(model, controller, one.parameter)
+    known = one.values[np.isfinite(one.abscissa)]
+    if not known.size:
+        return ()
+    if len(known) < DENSE:
+        known = np.unique(np.concatenate([known, 0.5 * (known[1:] + known[:-1])]))
+    places = [float(known[0]), float(known[-1])]
+    for badness in (_growth, _lack_of_damping):
+        values = np.array([_badness(closed, float(v), badness) for v in known])
+        k = int(np.argmax(values))
+        low, high = float(known[max(k - 1, 0)]), float(known[min(k + 1, len(known) - 1)])
+        found = minimize_scalar(
+            lambda v, of=badness: -_badness(closed, float(v), of), bounds=(low, high), method="bounded",
+            options={"xatol": 1e-3 * (high - low), "maxiter": 20},
+        )  # fmt: skip
+        places.append(float(found.x) if -float(found.fun) > values[k] else float(known[k]))
+    # What bisection and refinement met beyond the samples counts too.
+    if np.any(np.isfinite(one.boundaries.abscissa)):
+        places.append(float(one.boundaries.parameter[int(np.nanargmax(one.boundaries.abscissa))]))
+    return tuple(dict.fromkeys(places))
+
+
+def _badness(
+    closed: Callable[[float], SecondOrderSystem], value: float, measure: Callable[[ComplexArray], float]
+) -> float:
+    try:
+        return measure(np.asarray(np.linalg.eigvals(closed(value).state_matrix()), dtype=np.complex128))
+    except (ModelError, OutOfDomain):
+        return -np.inf
+
+
+def _growth(s: ComplexArray) -> float:
+    return float(np.max(s.real))
+
+
+def _lack_of_damping(s: ComplexArray) -> float:
+    """Minus the least damping ratio of the oscillating eigenvalues."""
+    oscillating = s[s.imag > 1e-9 * np.abs(s)]
+    return float(np.max(oscillating.real / np.abs(oscillating))) if oscillating.size else -np.inf
+
+
 def _closed_at(
     model: OptionModel, controller: Controller | None, parameter: SweepName
 ) -> Callable[[float], SecondOrderSystem]:
@@ -123,7 +173,7 @@ def _boundaries(closed: Callable[[float], SecondOrderSystem], values: FloatArray
     neutral = max((float(np.max(one.error_bound)) for one in found), default=0.0)
     return stability_boundaries(
         lambda value: float(np.max(np.linalg.eigvals(closed(value).state_matrix()).real)),
-        float(values[0]), float(values[-1]), samples=len(values), neutral=neutral,
+        float(values[0]), float(values[-1]), samples=max(len(values), 3), neutral=neutral,
     )  # fmt: skip
 
 

@@ -10,7 +10,8 @@ import pytest
 
 from maglev_ctrl.analysis.resonance_map import ResonanceMap, SeededTongue, critical_depth, resonance_map
 from maglev_ctrl.scenario import Scenario
-from maglev_ctrl.study.periodic import _Forcing, at_depth, critical_depths, floquet_study, speed_ranges
+from maglev_ctrl.study.law import design_law
+from maglev_ctrl.study.periodic import UNRESOLVED, _Forcing, at_depth, critical_depths, floquet_study, speed_ranges
 from maglev_ctrl.study.situation import OptionModel
 from maglev_ctrl.systems import PeriodicSystem
 
@@ -91,3 +92,47 @@ def test_the_worst_depth_is_the_bottom_between_the_columns(small_scenario: Calla
     for factor in (0.997, 0.999, 1.001, 1.003):
         beside = critical_depth(forcing.at(study.worst_speed * factor), depth_max=study.largest_depth).depth
         assert study.worst_depth <= beside * (1.0 + 1e-3)
+
+
+def test_a_tongue_at_the_edge_of_the_map_is_not_overlooked(
+    small_scenario: Callable[..., Scenario], small_text: str
+) -> None:
+    """A map that begins inside a narrow tongue, whose bottom lies between its first two columns."""
+    weak = small_text.replace('damping = "30 kN*s/m"', 'damping = "3 kN*s/m"')
+    wide = small_scenario(weak)
+    bottom = floquet_study(OptionModel(wide, wide.options[1]), None)
+    start = 3.6 * bottom.worst_speed - 0.8
+    grid = f'{{ from = "{start:.4f} km/h", to = "{start + 120.0:.4f} km/h", count = 9 }}'
+    edge = small_scenario(
+        weak.replace('map = { speed = { from = "60 km/h", to = "400 km/h", count = 24 }', f"map = {{ speed = {grid}")
+    )
+    found = floquet_study(OptionModel(edge, edge.options[1]), None)
+    assert found.worst_depth == pytest.approx(bottom.worst_depth, rel=1e-3)
+
+
+def test_depths_always_hold_none_and_the_expected_one(small_scenario: Callable[..., Scenario], small_text: str) -> None:
+    shifted = small_scenario(small_text.replace("from = 0.0, to = 0.5, count = 11", "from = 0.1, to = 0.2, count = 3"))
+    study = floquet_study(OptionModel(shifted, shifted.options[0]), None)
+    assert study.map.depths[0] == 0.0
+    assert study.worst_depth == 0.0 and study.go_ranges == ()
+    deep = small_scenario(small_text.replace("depth = 0.05", "depth = 0.7"))
+    assert floquet_study(OptionModel(deep, deep.options[1]), None).map.depths[-1] == 0.7
+
+
+def test_unresolved_columns_are_no_go(atlas: ResonanceMap) -> None:
+    doubt = np.zeros_like(atlas.unresolved)
+    doubt[3] = True
+    go, no_go = speed_ranges(replace(atlas, unresolved=doubt), critical_depths(atlas), 0.0)
+    assert [name for *_, name in no_go] == [UNRESOLVED]
+    assert all(not low < atlas.parameter[3] < high for low, high in go)
+
+
+@pytest.mark.parametrize(("delay", "merged"), [("2 ms", True), ("60 ms", False)])
+def test_only_short_delays_are_merged_into_a_lag(
+    small_scenario: Callable[..., Scenario], small_text: str, delay: str, merged: bool
+) -> None:
+    scenario = small_scenario(small_text.replace('delay = "2 ms"', f'delay = "{delay}"'))
+    model = OptionModel(scenario, scenario.options[2])
+    design = design_law(scenario, scenario.options[2], model)
+    assert design is not None and scenario.periodic is not None
+    assert _Forcing.of(model, design.controller, scenario.periodic).merged is merged
