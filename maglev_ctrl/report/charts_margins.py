@@ -12,10 +12,13 @@ from maglev_ctrl.arrays import ComplexArray, FloatArray
 from maglev_ctrl.errors import Verdict
 from maglev_ctrl.report.chart import Area, Axis, Bars, Chart, Item, Line, Marks, Note, Panel, Rule, Span
 from maglev_ctrl.report.style import ABSENT, ALPHA, FADED, FAIL_COLOUR, INK, MINUS, UNKNOWN_COLOUR, colour, number
-from maglev_ctrl.study.records import Comparison, NyquistCurve, OptionStudy
+from maglev_ctrl.report.values import margin_sign, margin_words
+from maglev_ctrl.study.records import Comparison, NyquistCurve, OptionStudy, RequirementResult
 
 MOST_CHANNELS = 6
 _LONGEST_BAR = 200.0  # percent
+_ARROW = 14.0  # percent, the head of an arrow
+_TICKS = (-100.0, 0.0, 100.0)  # none at the ends, where those of the neighbouring panel begin
 
 
 def nyquist(option: OptionStudy) -> Chart | None:
@@ -118,7 +121,8 @@ def margin_bars(comparison: Comparison) -> Chart | None:
     return Chart(
         key="margins",
         caption=f"Distance of every option to every requirement, per cent of the limit (cut at ±{_LONGEST_BAR:g} %): "
-        "bars to the right of zero are inside the limit, hatched bars fail; words where nothing was computed.",
+        "bars to the right of zero are inside the limit, hatched bars fail, open arrows with ≥ or ≤ are bounds and no "
+        "exact margins; words where nothing was computed.",
         alt="Margins to the requirements. " + " ".join(_words(comparison, name) for name in names),
         panels=panels,
         columns=columns,
@@ -139,7 +143,7 @@ def _words(comparison: Comparison, name: str) -> str:
     parts = []
     for option in comparison.options:
         found = next((r for r in option.requirements if r.name == name), None)
-        parts.append(f"{option.label} {number(found.margin_percent, '%') if found else 'not asked'}")
+        parts.append(f"{option.label} {margin_words(found) if found else 'not asked'}")
     return f"{name}: {', '.join(parts)}."
 
 
@@ -155,7 +159,10 @@ def _margin_panel(comparison: Comparison, name: str, *, first: bool) -> Panel:
         unit, limit, sense = found.unit, found.limit, found.sense
         if found.verdict is Verdict.NOT_EVALUATED or math.isnan(found.margin_percent):
             word = "not evaluated" if found.verdict is Verdict.NOT_EVALUATED else found.verdict.value
-            items.append(Note(4.0, at, word, "left", "center", UNKNOWN_COLOUR))
+            items.append(Note(4.0, at, word, "left", "center", UNKNOWN_COLOUR, True))
+            continue
+        if found.bound != "exact":
+            items += _bound_arrow(found, at, colour(row))
             continue
         cut = float(np.clip(found.margin_percent, -_LONGEST_BAR, _LONGEST_BAR))
         value = f"{option.label}: {number(found.value, unit)}, {number(found.margin_percent, '%')}"
@@ -179,7 +186,8 @@ def _margin_panel(comparison: Comparison, name: str, *, first: bool) -> Panel:
     word = "at least" if sense == "at_least" else "at most"
     return Panel(
         items=tuple(items),
-        x=Axis("margin (% of limit)", limits=(-_LONGEST_BAR, _LONGEST_BAR)),
+        x=Axis("margin (% of limit)", limits=(-_LONGEST_BAR, _LONGEST_BAR), ticks=_TICKS,
+               tick_labels=tuple(f"{t:g}".replace("-", MINUS) for t in _TICKS)),
         y=Axis(
             "",
             limits=(0.6 - len(options), 0.6),
@@ -188,6 +196,20 @@ def _margin_panel(comparison: Comparison, name: str, *, first: bool) -> Panel:
         ),
         title=f"{name}\n{word} {number(limit, unit)}",
     )
+
+
+def _bound_arrow(found: RequirementResult, at: float, tint: str) -> list[Item]:
+    """A margin that is only a bound: an open arrow from zero to the bound, pointing to where the true margin lies."""
+    sign = margin_sign(found).strip()
+    end = float(np.clip(found.margin_percent, -_LONGEST_BAR, _LONGEST_BAR))
+    reach = math.copysign(max(abs(end), _ARROW), end)
+    neck = reach - math.copysign(_ARROW, reach)
+    outline = Area(
+        np.array([0.0, neck, reach, neck, 0.0]), at + np.array([-0.33, -0.33, 0.0, 0.33, 0.33]), edge=tint, width=1.1
+    )
+    roomy = abs(neck) > 4.0 * _ARROW
+    place = 0.45 * neck if roomy else reach + math.copysign(0.9 * _ARROW, reach)
+    return [outline, Note(place, at, sign, "center", "center", INK)]
 
 
 def _short(label: str) -> str:

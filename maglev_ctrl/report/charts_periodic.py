@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from maglev_ctrl.analysis.resonance_map import SeededTongue
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.report.chart import Axis, Chart, Heat, Item, Line, Marks, Note, Panel, Rule, Span
-from maglev_ctrl.report.style import FAIL_COLOUR, INK, PASS_COLOUR, number
+from maglev_ctrl.report.style import FAIL_COLOUR, INK, PASS_COLOUR, Dash, Symbol, number
 from maglev_ctrl.study.records import FloquetStudy, OptionStudy
 
 _MOST_NAMES = 5
@@ -26,13 +27,17 @@ def resonance_chart(option: OptionStudy, *, design_speed: float) -> Chart | None
     if not known.size:
         middle = (0.5 * float(x[0] + x[-1]), 0.5 * float(depth[-1]))
         items.append(Note(*middle, "stable everywhere on this map", "center", "center", INK))
-    critical = 100.0 * np.where(np.isfinite(study.critical_depth), study.critical_depth, np.nan)
-    items.append(Line(x, critical, "critical depth", INK, "solid", 1.0))
+    curve = critical_curve(
+        x, study.critical_depth, "critical depth", ("critical depth at a single speed", "circle"), INK, "solid"
+    )
+    items += curve
     items += _unresolved(study, x, depth)
     items.append(Rule("y", 100.0 * study.expected_depth, "expected depth", FAIL_COLOUR, "dash", 1.2))
     items.append(Rule("x", design_speed * _KILOMETRES_PER_HOUR, "design speed", INK, "dot", 1.0))
     items += _narrow(study)
     items += _names(study, x, depth)
+    tips = any(np.isfinite(seed.threshold) for seed in study.map.seeded)
+    drawn = _drawn_words(curve, tips=tips)
     limits_x = (float(x[0]), float(x[-1]))
     upper = Panel(
         tuple(items), Axis("speed (km/h)", limits=limits_x),
@@ -41,8 +46,8 @@ def resonance_chart(option: OptionStudy, *, design_speed: float) -> Chart | None
     return Chart(
         key=f"{option.name}-resonance",
         caption=f"Resonance map of {option.label} under stiffness modulation with wavelength "
-        f"{number(study.wavelength, 'm')}: colour is the growth rate of unstable tongues, blank is stable, the line is "
-        "the smallest unstable depth at each speed. Below: speeds that are stable (go) and unstable (no go, hatched) "
+        f"{number(study.wavelength, 'm')}: colour is the growth rate of unstable tongues, blank is stable{drawn}. "
+        "Below: speeds that are stable (go) and unstable (no go, hatched) "
         f"at the expected depth of {number(100 * study.expected_depth, '%')}. Map method: {study.map.method}.",
         alt=resonance_words(option.label, study),
         panels=(upper, _bands(study, limits_x)),
@@ -50,6 +55,48 @@ def resonance_chart(option: OptionStudy, *, design_speed: float) -> Chart | None
         share_x=True,
         legend="bottom",
     )
+
+
+def critical_curve(
+    x: FloatArray, depth: FloatArray, label: str, single: tuple[str, Symbol], tint: str, style: Dash
+) -> tuple[Line | Marks, ...]:
+    """The critical depth (V,) over speed in per cent: a line where neighbours share it, marks for columns alone.
+
+    Only what has something to show is returned, so that a legend never names what is not drawn.
+    """
+    known = np.isfinite(depth)
+    beside = np.concatenate([[False], known[:-1]]) | np.concatenate([known[1:], [False]])
+    percent = 100.0 * np.where(known, depth, np.nan)
+    items: list[Line | Marks] = []
+    if np.any(known & beside):
+        items.append(Line(x, np.where(beside, percent, np.nan), label, tint, style, 1.0 if tint == INK else 1.4))
+    alone = known & ~beside
+    if np.any(alone):
+        words = tuple(f"{label}: {number(float(d), '%')}" for d in percent[alone])
+        items.append(Marks(x[alone], percent[alone], single[1], single[0], tint, 3.5, words))
+    return tuple(items)
+
+
+def _drawn_words(curve: tuple[Line | Marks, ...], *, tips: bool) -> str:
+    """What the figure's line and marks stand for, of those that are drawn."""
+    words = ""
+    if any(isinstance(item, Line) for item in curve):
+        words += ", the line is the smallest unstable depth at each speed"
+    if any(isinstance(item, Marks) for item in curve):
+        words += ", a circle is that depth where only a single speed of the map is unstable"
+    return words + (", a triangle the tip of a tongue found between the map's speeds" if tips else "")
+
+
+def tips_below_curve(study: FloquetStudy) -> list[SeededTongue]:
+    """Tips between the map's speeds that begin lower than both neighbouring columns show."""
+    speeds = study.map.parameter
+    found = []
+    for seed in study.map.seeded:
+        place = int(np.clip(np.searchsorted(speeds, seed.parameter), 1, len(speeds) - 1))
+        shown = float(np.min(study.critical_depth[place - 1 : place + 1]))
+        if np.isfinite(seed.threshold) and seed.threshold < shown:
+            found.append(seed)
+    return found
 
 
 def _heat(x: FloatArray, depth: FloatArray, growth: FloatArray, high: float) -> Heat:

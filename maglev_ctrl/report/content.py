@@ -25,6 +25,7 @@ from maglev_ctrl.report.model import (
 )
 from maglev_ctrl.report.model import Table as TableBlock
 from maglev_ctrl.report.style import ABSENT, number
+from maglev_ctrl.report.values import value_words
 from maglev_ctrl.study.records import Comparison, OptionStudy, RequirementResult
 
 METHOD = (
@@ -39,6 +40,12 @@ METHOD = (
     "Periodic stability comes from Floquet multipliers, computed by two independent engines (propagators over one "
     "period and Hill's infinite determinant); unstable tongues are named by the modes that meet.",
     "Designs are verified after the solver by closing the loop anew; a solver's own word is never taken.",
+    "Force limits of actuators are recorded but neither enforced nor checked: the analysis is linear, and commands "
+    "grow in proportion to the motion without end.",
+    "The resonance map of an option with actuator delay may merge delay and bandwidth into one lag of the same phase "
+    "at low frequency (its figure names the map's method); numbers that decide a requirement use the full model.",
+    "An equilibrium holds the height, trimming the magnet currents at every point, or holds the magnet strength, and "
+    "then the height follows from the balance; the equilibrium table of each option says which.",
     "A verdict is PASS, FAIL or NOT EVALUATED. What could not be computed or confirmed is NOT EVALUATED and never "
     "counts as passed. A margin in per cent is the distance from the limit divided by the limit.",
 )  # fmt: skip
@@ -66,7 +73,8 @@ def _flowing(text: str) -> str:
 
 
 def _summary(comparison: Comparison) -> Section:
-    blocks: list[Block] = [Banner(comparison.verdict, _banner_words(comparison)), Bullets(key_findings(comparison))]
+    verdict = _banner_verdict(comparison)
+    blocks: list[Block] = [Banner(verdict, _banner_words(comparison)), Bullets(key_findings(comparison))]
     best = leading_option(comparison)
     if best is not None and best.requirements:
         several = len(comparison.options) > 1
@@ -74,7 +82,13 @@ def _summary(comparison: Comparison) -> Section:
         blocks.append(
             requirement_table(best, f"Requirements, judged for the {which}" if several else f"Requirements of {which}")
         )
-    return Section("Summary", "summary", 1, tuple(blocks), comparison.verdict)
+    return Section("Summary", "summary", 1, tuple(blocks), verdict)
+
+
+def _banner_verdict(comparison: Comparison) -> Verdict | None:
+    """None where some options pass and others do not: one word for all of them would mislead."""
+    mixed = comparison.verdict is not Verdict.PASS and any(o.verdict is Verdict.PASS for o in comparison.options)
+    return None if mixed else comparison.verdict
 
 
 def _banner_words(comparison: Comparison) -> str:
@@ -82,8 +96,8 @@ def _banner_words(comparison: Comparison) -> str:
     speed = number(comparison.design_speed * 3.6, "km/h")
     height = number(comparison.design_height * 1e3, "mm")
     return (
-        f"Options: {counts[Verdict.PASS]} PASS, {counts[Verdict.FAIL]} FAIL, {counts[Verdict.NOT_EVALUATED]} NOT "
-        f"EVALUATED. Design point {speed} at {height} height."
+        f"{counts[Verdict.PASS]} of {len(comparison.options)} options PASS, {counts[Verdict.FAIL]} FAIL, "
+        f"{counts[Verdict.NOT_EVALUATED]} NOT EVALUATED. Design point {speed} at {height} height."
     )
 
 
@@ -101,11 +115,11 @@ def _verdict_matrix(comparison: Comparison) -> TableBlock:
     for option in comparison.options:
         judged = {r.name: r.verdict for r in option.requirements}
         found = [cell(judged[name]) if name in judged else Cell("not asked") for name in names]
-        rows.append((Cell(option.label), *found, cell(option.verdict)))
-    heads = ("Option", *(_breakable(name) for name in names), "Overall")
+        rows.append((Cell(option.label), cell(option.verdict), *found))
+    heads = ("Option", "Overall", *(_breakable(name) for name in names))
     return TableBlock(
         "Verdicts of every option on every requirement: ✓ PASS, ✗ FAIL, ? NOT EVALUATED",
-        heads, tuple(rows), (1.6, *(1.0 for _ in names), 1.0), small=True,
+        heads, tuple(rows), (1.6, 1.0, *(1.0 for _ in names)), small=True,
     )  # fmt: skip
 
 
@@ -117,7 +131,7 @@ def _breakable(name: str) -> str:
 def _value_table(comparison: Comparison) -> TableBlock:
     names = requirement_names(comparison)
     base = next((o for o in comparison.options if o.kind == "baseline"), comparison.options[0])
-    base_values = {r.name: r.value for r in base.requirements}
+    base_values = {r.name: r.value for r in base.requirements if r.bound == "exact"}
     rows = []
     for option in comparison.options:
         found = {r.name: r for r in option.requirements}
@@ -128,15 +142,16 @@ def _value_table(comparison: Comparison) -> TableBlock:
         ]
         rows.append(row(label, *texts))
     return TableBlock(
-        f"Values of every requirement's quantity, in brackets the change from {base.label}",
+        f"Values of every requirement's quantity, ≥ and ≤ where only a bound is known; in brackets the change from "
+        f"{base.label} where both are exact",
         ("Option", *(_breakable(name) for name in names)), tuple(rows), (1.6, *(1.0 for _ in names)), small=True,
     )  # fmt: skip
 
 
 def _value_and_change(result: RequirementResult, base: float, is_base: bool) -> str:
-    text = number(result.value, result.unit)
+    text = value_words(result)
     change = result.value - base
-    if is_base or not math.isfinite(change):
+    if is_base or result.bound != "exact" or not math.isfinite(change):
         return text
     return f"{text} ({'+' if change > 0 else ''}{number(change)})"
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
 from maglev_ctrl.analysis.disk import DiskMargin
@@ -11,22 +13,34 @@ from maglev_ctrl.report.charts_margins import disk_value, nyquist
 from maglev_ctrl.report.charts_modes import boundary_words, energy_ledger, other_sweeps, root_locus, speed_chart
 from maglev_ctrl.report.charts_periodic import resonance_chart, resonance_words, tongue_tips, tongue_words
 from maglev_ctrl.report.charts_shapes import mode_shapes
+from maglev_ctrl.report.findings import unforced_warning
 from maglev_ctrl.report.groups import largest_feeder
 from maglev_ctrl.report.model import Banner, Block, Bullets, Cell, FigureBlock, Paragraph, Section, Table, row
 from maglev_ctrl.report.style import ABSENT, ALPHA, number
+from maglev_ctrl.report.values import margin_words, reason_words, value_words
 from maglev_ctrl.study.records import Comparison, FloquetStudy, OptionStudy, Sweep
+from maglev_ctrl.vehicle.operating import Hold
 
 _MOST_MODES = 12
 _MOST_TONGUES = 12
 _KILOMETRES_PER_HOUR = 3.6
+HELD: Final[dict[Hold, str]] = {
+    "height": "height (magnet currents trimmed at every point)",
+    "strength": "magnet strength (the height follows)",
+    "frozen": "height and magnet strength as given (what is out of balance remains)",
+}
 
 
 def option_section(comparison: Comparison, option: OptionStudy, place: int) -> list[Section]:
     """The option's chapter: an overview and its parts as sub-sections."""
     anchor = f"option-{place + 1}"
     overview: list[Block] = [Banner(option.verdict, _verdict_words(option))]
-    if option.summary:
-        overview.append(Bullets(option.summary))
+    told = (*option.summary, *_force_limits(option))
+    if told:
+        overview.append(Bullets(told))
+    warning = unforced_warning(option)
+    if warning:
+        overview.append(Paragraph(f"Warning. {warning}"))
     if option.failure:
         overview.append(Paragraph(f"This option could not be studied: {option.failure}"))
     if option.requirements:
@@ -47,6 +61,15 @@ def option_section(comparison: Comparison, option: OptionStudy, place: int) -> l
     return sections
 
 
+def _force_limits(option: OptionStudy) -> list[str]:
+    """That the force limits of the actuators play no part here; nothing without limits."""
+    limits = sorted({a.force_limit for a in option.vehicle.actuators if a.force_limit is not None})
+    if not limits:
+        return []
+    sizes = ", ".join(number(limit / 1e3, "kN") for limit in limits)
+    return [f"Force limits ({sizes}) are not enforced: the analysis is linear."]
+
+
 def _verdict_words(option: OptionStudy) -> str:
     if not option.requirements:
         return "No requirement was judged."
@@ -59,7 +82,7 @@ def requirement_table(option: OptionStudy, caption: str) -> Table:
     rows = tuple(
         row(
             r.name, r.description, f"{'≥' if r.sense == 'at_least' else '≤'} {number(r.limit, r.unit)}",
-            number(r.value, r.unit), number(r.margin_percent, "%"), r.worst_at or ABSENT, r.method, r.verdict,
+            value_words(r), margin_words(r), r.worst_at or ABSENT, r.method, r.verdict,
         )
         for r in option.requirements
     )  # fmt: skip
@@ -68,7 +91,7 @@ def requirement_table(option: OptionStudy, caption: str) -> Table:
 
 
 def _reasons(option: OptionStudy) -> list[Block]:
-    told = tuple(f"{r.name}, {r.verdict.value}: {r.reason}" for r in option.requirements if r.reason)
+    told = tuple(reason_words(r) for r in option.requirements if r.reason)
     return [Bullets(told)] if told else []
 
 
@@ -80,6 +103,7 @@ def _equilibrium_table(option: OptionStudy) -> Table:
     rows = [
         row("Speed", number(found.at.speed * _KILOMETRES_PER_HOUR, "km/h")),
         row("Magnet heights", _range(heights * 1e3, "mm")),
+        row("Held", HELD[found.hold]),
         row("Magnet strength, factor on the currents as given", number(float(found.strength), digits=4)),
     ]
     if gaps.size and np.isfinite(gaps).any():
@@ -209,7 +233,8 @@ def _periodic_blocks(comparison: Comparison, option: OptionStudy) -> list[Block]
     if tips:
         lines = tuple(row(name, number(low, "%"), number(at, "km/h")) for name, low, at in tips[:_MOST_TONGUES])
         more = f" (lowest {_MOST_TONGUES} of {len(tips)})" if len(tips) > _MOST_TONGUES else ""
-        caption = f"Resonances of {option.label}{more}, modes counted by frequency: where each begins"
+        caption = f"Resonances of {option.label}{more}: where each begins"
+        blocks.append(Paragraph(_mode_numbers(option)))
         blocks.append(Table(caption, ("Resonance", "From depth", "At speed"), lines, (3.0, 1.0, 1.0), (1, 2)))
     if study.no_go_ranges:
         rows = tuple(
@@ -219,6 +244,21 @@ def _periodic_blocks(comparison: Comparison, option: OptionStudy) -> list[Block]
         caption = f"Speeds {option.label} must not hold at the expected modulation depth"
         blocks.append(Table(caption, ("From", "To", "Resonance"), rows, (1.0, 1.0, 3.0), (0, 1)))
     return blocks
+
+
+def _mode_numbers(option: OptionStudy) -> str:
+    """What w1, w2, ... mean; listed where the map is drawn for the very system whose modes are known."""
+    meaning = "In the names of resonances w1, w2, ... are the oscillating modes, counted by frequency at each speed"
+    modes = option.modes
+    if modes is None or any(a.delay > 0.0 for a in option.vehicle.actuators):
+        return f"{meaning}."
+    oscillating = np.flatnonzero(modes.s.imag > 1e-9 * np.abs(modes.s))
+    order = sorted(oscillating, key=lambda k: float(modes.s[k].imag))
+    parts = [
+        f"w{place + 1} = {modes.labels[k]} {number(float(modes.s[k].imag) / (2.0 * np.pi), 'Hz')}"
+        for place, k in enumerate(order)
+    ]
+    return f"{meaning}; at the design point {', '.join(parts)}." if parts else f"{meaning}."
 
 
 def _floquet_table(option: OptionStudy, study: FloquetStudy) -> Table:
@@ -253,7 +293,7 @@ def _controller_blocks(option: OptionStudy) -> list[Block]:
         row("Measures", ", ".join(controller.measured)),
         row("Commands", ", ".join(controller.commands)),
         row("Order", str(len(controller.states))),
-        row("Closed-loop spectral abscissa", number(proof.spectral_abscissa, "1/s")),
+        row("Closed-loop spectral abscissa on the plant without delays", number(proof.spectral_abscissa, "1/s")),
         row("Lyapunov proof residual (proof below 1)", number(proof.lyapunov_residual)),
         row("Checks", f"{proof.agreed.value}: {'; '.join(proof.disagreements) or '; '.join(proof.methods)}"),
         *(row(f"Riccati residual {i + 1}", number(float(r.residual))) for i, r in enumerate(design.riccati)),

@@ -10,13 +10,18 @@ from maglev_ctrl.errors import Agreement, Verdict
 from maglev_ctrl.report.charts_periodic import tongue_words
 from maglev_ctrl.report.groups import largest_feeder
 from maglev_ctrl.report.style import number
+from maglev_ctrl.report.values import bound_words, exact_margins, known_bounds
 from maglev_ctrl.study.records import Comparison, OptionStudy, RequirementResult
 
 _KILOMETRES_PER_HOUR = 3.6
+CHOICE = (
+    "The leading option is chosen by its verdict (PASS before NOT EVALUATED before FAIL), then by the fewest failed "
+    "requirements, then by the largest smallest margin in per cent; only margins known exactly count, bounds do not."
+)
 
 
 def leading_option(comparison: Comparison) -> OptionStudy | None:
-    """The option to show first: verdict PASS before NOT EVALUATED before FAIL, then the largest smallest margin."""
+    """The option to show first, as `CHOICE` says."""
     rank = {Verdict.PASS: 0, Verdict.NOT_EVALUATED: 1, Verdict.FAIL: 2}
     judged = [o for o in comparison.options if o.requirements and not o.failure]
     if not judged:
@@ -29,14 +34,12 @@ def _failed(option: OptionStudy) -> int:
 
 
 def _smallest(option: OptionStudy) -> float:
-    known = [r.margin_percent for r in option.requirements if not math.isnan(r.margin_percent)]
-    return min(known, default=-math.inf)
+    return min((r.margin_percent for r in exact_margins(option.requirements)), default=-math.inf)
 
 
 def tightest(option: OptionStudy) -> RequirementResult | None:
-    """The evaluated requirement with the smallest margin."""
-    known = [r for r in option.requirements if not math.isnan(r.margin_percent)]
-    return min(known, key=lambda r: r.margin_percent, default=None)
+    """The requirement with the smallest exact margin; a bound tells only that the true margin lies elsewhere."""
+    return min(exact_margins(option.requirements), key=lambda r: r.margin_percent, default=None)
 
 
 def key_findings(comparison: Comparison) -> tuple[str, ...]:
@@ -45,33 +48,47 @@ def key_findings(comparison: Comparison) -> tuple[str, ...]:
     passed = [o.label for o in options if o.verdict is Verdict.PASS]
     asked = max((len(o.requirements) for o in options), default=0)
     lead = (
-        f"{len(passed)} of {len(options)} options meet all {asked} requirements: {', '.join(passed)}."
+        f"{len(passed)} of {len(options)} options meet all {asked} requirements: {'; '.join(passed)}."
         if passed
         else f"None of the {len(options)} options meets all {asked} requirements."
     )
     sentences = [lead, *_baseline(comparison)]
     best = leading_option(comparison)
-    if best is not None and (tight := tightest(best)) is not None:
-        sentences.append(
-            f"The leading option, {best.label}, is closest to its limit on {tight.name}: "
-            f"{number(tight.value, tight.unit)} against {_limit(tight)}, a margin of "
-            f"{number(tight.margin_percent, '%')}" + (f" at {tight.worst_at}." if tight.worst_at else ".")
-        )
     if best is not None:
-        sentences += _resonance(best)
+        sentences += [*_leading(best, several=len(options) > 1), *_resonance(best)]
+    sentences += [f"{o.label}: {warning}" for o in options if (warning := unforced_warning(o))]
     open_questions = [
         o for o in options if o.failure or any(r.verdict is Verdict.NOT_EVALUATED for r in o.requirements)
     ]
     if open_questions:
         count = sum(r.verdict is Verdict.NOT_EVALUATED for o in options for r in o.requirements)
         sentences.append(
-            f"{count} results could not be evaluated ({', '.join(o.label for o in open_questions)}); none of them "
+            f"{count} results could not be evaluated ({'; '.join(o.label for o in open_questions)}); none of them "
             "counts as passed, the reasons stand in the options' own tables."
         )
     doubtful = [o.label for o in options if o.modes is not None and o.modes.agreement is Agreement.UNRESOLVED]
     if doubtful:
         sentences.append(f"The two stability methods do not agree for {', '.join(doubtful)}: unresolved, not stable.")
     return tuple(sentences)
+
+
+def _leading(best: OptionStudy, *, several: bool) -> list[str]:
+    """How close the leading option is to its limits, and what of it is known only as a bound."""
+    if not best.requirements:
+        return []
+    who = f"The leading option, {best.label}," if several else best.label
+    tight = tightest(best)
+    if tight is None:
+        said = [f"{who} has no exactly known margin in per cent: its values are bounds, their limits are zero, or they "
+                "were not evaluated."]  # fmt: skip
+    else:
+        where = f" at {tight.worst_at}" if tight.worst_at else ""
+        said = [f"{who} is closest to its limit on {tight.name}: {number(tight.value, tight.unit)} against "
+                f"{_limit(tight)}, a margin of {number(tight.margin_percent, '%')}{where}."]  # fmt: skip
+    bounds = known_bounds(best.requirements)
+    if bounds:
+        said.append(f"Known only as bounds for {best.label}: {'; '.join(bound_words(r) for r in bounds)}.")
+    return [*said, CHOICE] if several else said
 
 
 def _limit(result: RequirementResult) -> str:
@@ -113,3 +130,29 @@ def _resonance(option: OptionStudy) -> list[str]:
         f"{number(ratio)} times the expected depth, at {where} ({tongue_words(study.worst_resonance)})."
     )
     return [sentence]
+
+
+def unforced_warning(option: OptionStudy) -> str:
+    """That the map finds an option unstable without modulation although its growth rate over speed passes; else ''."""
+    study, sweep = option.floquet, next((s for s in option.sweeps if s.parameter == "speed"), None)
+    passes = any(
+        r.quantity == "growth_rate" and r.verdict is Verdict.PASS and "speed" in r.description
+        for r in option.requirements
+    )
+    if study is None or sweep is None or not passes or study.map.depths[0] != 0.0:
+        return ""
+    unstable = np.asarray(study.map.unstable[:, 0])
+    if not unstable.any():
+        return ""
+    speeds = study.map.parameter
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], unstable.astype(int), [0]])))
+    parts = [_speed_range(float(speeds[a]), float(speeds[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    low, high = float(np.min(sweep.values)), float(np.max(sweep.values))
+    beyond = bool(np.all((speeds[unstable] < low) | (speeds[unstable] > high)))
+    which = "which reaches beyond the speed sweep," if beyond else "whose speeds differ from those of the sweep,"
+    return f"The resonance map, {which} finds this option unstable without modulation at {' and '.join(parts)}."
+
+
+def _speed_range(low: float, high: float) -> str:
+    end = number(high * _KILOMETRES_PER_HOUR, "km/h")
+    return end if high == low else f"{number(low * _KILOMETRES_PER_HOUR)} to {end}"

@@ -76,6 +76,8 @@ def interactive(chart: Chart) -> dict[str, Any]:
             })  # fmt: skip
         for item in panel.items:
             _add(data, layout, item, panel, suffix, seen)
+    if not data:  # words and bands alone: axes appear only with a trace
+        data.append({"type": "scatter", "x": [None], "y": [None], "showlegend": False, "hoverinfo": "skip"})
     return {"data": data, "layout": layout}
 
 

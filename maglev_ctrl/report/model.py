@@ -36,9 +36,9 @@ class Bullets:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Banner:
-    """A verdict that cannot be overlooked."""
+    """A verdict that cannot be overlooked; without one (options that differ) the words stand in a neutral tone."""
 
-    verdict: Verdict
+    verdict: Verdict | None
     text: str
 
 

@@ -71,8 +71,10 @@ def _block(block: Block, names: Mapping[str, str]) -> dict[str, Any]:
         case Bullets():
             return {"kind": "Bullets", "items": list(block.items)}
         case Banner():
-            sign = f"{SIGNS[block.verdict]} {block.verdict.value}"
-            return {"kind": "Banner", "verdict": SLUGS[block.verdict], "sign": sign, "text": block.text}
+            verdict = block.verdict
+            sign = "" if verdict is None else f"{SIGNS[verdict]} {verdict.value}"
+            tone = "neutral" if verdict is None else SLUGS[verdict]
+            return {"kind": "Banner", "verdict": tone, "sign": sign, "text": block.text}
         case Table():
             return {
                 "kind": "Table", "caption": block.caption, "columns": list(block.columns), "small": block.small,

@@ -23,7 +23,7 @@ def _quantity(words: str) -> dict[str, Any]:
 _REQUIREMENT: Final = {
     "type": "object",
     "required": ["name", "quantity", "description", "sense", "limit", "value", "verdict", "margin_percent", "worst_at",
-                 "method", "reason"],
+                 "method", "reason", "bound"],
     "properties": {
         "sense": {"enum": ["at_least", "at_most"]},
         "limit": _quantity("the limit asked for"),
@@ -31,7 +31,9 @@ _REQUIREMENT: Final = {
         "margin_percent": _quantity("distance inside the limit, per cent of the limit"),
         "verdict": _VERDICT,
         "worst_at": {"type": "string", "description": "operating point that decides"},
-        "reason": {"type": "string", "description": "why it failed or could not be evaluated; empty for PASS"},
+        "reason": {"type": "string", "description": "why it failed or could not be evaluated, or what a "
+                   "passing bound is a bound of; otherwise empty"},
+        "bound": {"enum": ["exact", "lower", "upper"], "description": "lower: the true value is at least `value`"},
     },
 }  # fmt: skip
 

@@ -21,7 +21,11 @@ FAIL_COLOUR: Final = "#d55e00"
 UNKNOWN_COLOUR: Final = "#8a8a8a"
 
 # Okabe and Ito (2008): told apart with every common colour blindness; yellow comes last, it is weak on white paper.
-PALETTE: Final = ("#1b1b1b", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#f0e442")
+# Brown and violet follow, so that ten options side by side all have a colour of their own.
+PALETTE: Final = (
+    "#1b1b1b", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#f0e442", "#7f4f24", "#6a3d9a",
+)  # fmt: skip
+_SAFE: Final = 8  # colours told apart with every colour blindness; lines beyond them are dashed
 DASHES: Final[tuple[Dash, ...]] = ("solid", "dash", "dashdot", "dot")
 
 WIDTH: Final = 6.69  # in: 17 cm, the text width of an A4 page
@@ -68,7 +72,7 @@ def colour(order: int) -> str:
 
     Examples
     --------
-    >>> colour(1) == colour(9)
+    >>> colour(1) == colour(11)
     True
     """
     return PALETTE[order % len(PALETTE)]
@@ -82,7 +86,7 @@ def dash(order: int) -> Dash:
     >>> dash(0), dash(8)
     ('solid', 'dash')
     """
-    return DASHES[(order // len(PALETTE)) % len(DASHES)]
+    return DASHES[(order // _SAFE) % len(DASHES)]
 
 
 def number(value: float, unit: str = "", *, digits: int = 3) -> str:

@@ -1,0 +1,55 @@
+"""A requirement's value and margin in words: what is only a bound never reads like an exact number."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+from maglev_ctrl.errors import Verdict
+from maglev_ctrl.report.style import number
+from maglev_ctrl.study.records import RequirementResult
+
+Sign = Literal["", "≥ ", "≤ "]
+_SIGNS: dict[str, Sign] = {"exact": "", "lower": "≥ ", "upper": "≤ "}
+
+
+def value_words(result: RequirementResult) -> str:
+    """The value with its unit, as "≥ 80 mm" where the true value is at least that, "≤ ..." where at most."""
+    known = not math.isnan(result.value)
+    return (_SIGNS[result.bound] if known else "") + number(result.value, result.unit)
+
+
+def margin_sign(result: RequirementResult) -> Sign:
+    """Which way the margin is bounded: a value that can only be larger widens a limit from below."""
+    if result.bound == "exact" or math.isnan(result.margin_percent):
+        return ""
+    return "≥ " if (result.bound == "lower") == (result.sense == "at_least") else "≤ "
+
+
+def margin_words(result: RequirementResult) -> str:
+    """The margin in per cent of the limit, with its sign where it is only a bound."""
+    return margin_sign(result) + number(result.margin_percent, "%")
+
+
+def bound_words(result: RequirementResult) -> str:
+    """What a bound is a bound of, e.g. "height_margin ≥ 80 mm (no instability found up to height 280 mm)"."""
+    reason = f" ({result.reason})" if result.reason else ""
+    return f"{result.name} {value_words(result)}{reason}"
+
+
+def reason_words(result: RequirementResult) -> str:
+    """Why a requirement failed, was not evaluated, or what the bound it passes on is a bound of."""
+    if result.bound == "exact" or math.isnan(result.value) or result.verdict is Verdict.NOT_EVALUATED:
+        return f"{result.name}, {result.verdict.value}: {result.reason}"
+    side = "lower" if result.bound == "lower" else "upper"
+    return f"{result.name}, {result.verdict.value} with {value_words(result)}, a {side} bound: {result.reason}"
+
+
+def exact_margins(results: tuple[RequirementResult, ...]) -> tuple[RequirementResult, ...]:
+    """The results whose margin is a known, finite number and no bound."""
+    return tuple(r for r in results if r.bound == "exact" and math.isfinite(r.margin_percent))
+
+
+def known_bounds(results: tuple[RequirementResult, ...]) -> tuple[RequirementResult, ...]:
+    """The results whose value is only a bound."""
+    return tuple(r for r in results if r.bound != "exact" and not math.isnan(r.value))
