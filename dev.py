@@ -56,7 +56,7 @@ def main(arguments: list[str]) -> int:
         return build_docs()
     if verb == "bench":
         return bench(rest)
-    return run([str(PYTHON), "-m", "maglev_ctrl", verb, *rest])
+    return pass_on(arguments)
 
 
 def set_up() -> str:
@@ -139,11 +139,25 @@ def bench(names: list[str]) -> int:
 
 
 def run(command: list[str], *, cwd: Path | None = None) -> int:
-    """Run a command with this terminal; its exit status."""
-    try:
-        return subprocess.run(command, cwd=cwd, check=False).returncode
-    except KeyboardInterrupt:
-        return 130
+    """Run a command with this terminal; its exit status. Ctrl-C reaches it too, and it is waited for."""
+    with subprocess.Popen(command, cwd=cwd) as process:
+        while True:
+            try:
+                status = process.wait()
+            except KeyboardInterrupt:
+                continue
+            return status if status >= 0 else 128 - status
+
+
+def pass_on(arguments: list[str]) -> int:
+    """Become the maglev-ctrl command; where a process cannot become another one, run it."""
+    os.environ["MAGLEV_CTRL_COMMAND"] = f"{'python' if os.name == 'nt' else 'python3'} {sys.argv[0]}"
+    command = [str(PYTHON), "-m", "maglev_ctrl", *arguments]
+    if os.name != "nt":
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os.execv(command[0], command)
+    return run(command)
 
 
 def complain(problem: str) -> int:

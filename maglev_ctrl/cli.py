@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Literal, NoReturn, cast
 
 import typer
@@ -16,6 +21,7 @@ if TYPE_CHECKING:
     from maglev_ctrl.study import Comparison, OptionStudy, RequirementResult
 
 PASSED, NOT_PASSED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+_UNDONE = "interrupted; nothing was written"
 _FORMATS = ("html", "pdf", "json")
 _STYLES = {"PASS": "green", "FAIL": "red", "NOT EVALUATED": "yellow"}
 
@@ -45,7 +51,7 @@ def report(
         str, typer.Option("--format", "-f", help="Any of html, pdf, json, by commas.")
     ] = "html,pdf,json",
 ) -> None:
-    """Run the whole study of a scenario and write its report."""
+    """Run the whole study of a scenario and write its report, which replaces an earlier one as a whole."""
     from maglev_ctrl.scenario import load
 
     _study_and_write(load(scenario), out, jobs=jobs, formats=_formats(formats))
@@ -53,7 +59,10 @@ def report(
 
 @app.command()
 def compare(scenario: ScenarioFile, out: OutFolder = None, jobs: Jobs = 2) -> None:
-    """Run the whole study of a scenario and print its options side by side; no PDF is made."""
+    """Run the whole study and print its options side by side; writes report.html and report.json, no PDF.
+
+    An earlier report in the folder is replaced as a whole, its PDF included: it would contradict the new one.
+    """
     from maglev_ctrl.scenario import load
 
     _study_and_write(load(scenario), out, jobs=jobs, formats=("html", "json"), values=True)
@@ -105,7 +114,9 @@ def new(
     except FileNotFoundError:
         _complain(f"{file}: the folder {file.parent} does not exist; make it first")
         raise typer.Exit(BAD_INPUT) from None
-    typer.echo(f"written: {file}\nnext:    maglev-ctrl check {file}\n         maglev-ctrl report {file}")
+    # dev.py says how it was called: in a fresh clone there is no maglev-ctrl on PATH.
+    command = os.environ.get("MAGLEV_CTRL_COMMAND", "maglev-ctrl")
+    typer.echo(f"written: {file}\nnext:    {command} check {file}\n         {command} report {file}")
 
 
 @app.command()
@@ -149,17 +160,44 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from maglev_ctrl.errors import MaglevError
 
     try:
-        app(args=None if arguments is None else list(arguments), prog_name="maglev-ctrl")
+        with _stop_on_signals():
+            app(args=None if arguments is None else list(arguments), prog_name="maglev-ctrl")
     except SystemExit as done:  # how typer ends every command, wrong usage included
         return done.code if isinstance(done.code, int) else PASSED
     except MaglevError as error:
         _complain(str(error))
-    except KeyboardInterrupt:
-        _complain("interrupted")
-        return INTERRUPTED
+    except _Stopped as stop:
+        _complain(stop.message)
+        return stop.status
     except OSError as error:
         _complain(f"{error.filename or 'file'}: {error.strerror or error}")
     return BAD_INPUT
+
+
+class _Stopped(BaseException):
+    """Ctrl-C, or a request to end; unlike KeyboardInterrupt it passes the command line library untouched."""
+
+    def __init__(self, status: int = INTERRUPTED, message: str = _UNDONE) -> None:
+        super().__init__(message)
+        self.status, self.message = status, message
+
+
+@contextmanager
+def _stop_on_signals() -> Iterator[None]:
+    """SIGINT and SIGTERM raise _Stopped, so that workers end and temporary files go; handlers are put back after."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        raise _Stopped(128 + number)  # 130 and 143, as shells have it
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _complain(message: str) -> None:
@@ -200,7 +238,6 @@ def _nearest_folder(path: Path) -> Path:
 
 
 def _try_writing(folder: Path) -> None:
-    import os
     import tempfile
 
     if not folder.is_dir():
@@ -221,17 +258,23 @@ def _study_and_write(
     """Study, write, print; exit status by verdict."""
     folder = out if out is not None else Path("out") / scenario.name
     _require_writable(folder)
-    comparison = _run(scenario, jobs=jobs)
+    try:
+        comparison = _run(scenario, jobs=jobs)
 
-    from maglev_ctrl.report import write
+        from maglev_ctrl.report import write
 
-    paths = write(comparison, folder, formats=formats)
-    console = _console()
-    if values:
-        _print_values(console, comparison)
-    _print_verdicts(console, comparison)
-    for path in paths:
-        typer.echo(f"written: {path}")
+        paths = write(comparison, folder, formats=formats)
+    except KeyboardInterrupt:
+        raise _Stopped() from None
+    try:
+        console = _console()
+        if values:
+            _print_values(console, comparison)
+        _print_verdicts(console, comparison)
+        for path in paths:
+            typer.echo(f"written: {path}")
+    except _Stopped as stop:
+        raise _Stopped(stop.status, f"interrupted; the report was written: {folder}") from None
     raise typer.Exit(_exit_code(comparison))
 
 

@@ -26,7 +26,8 @@ def write(
     """Write report.html, report.pdf and report.json into `folder`; returns their paths in the order of `formats`.
 
     Everything is made in a temporary folder beside `folder` and moved there only when complete: a failure leaves an
-    earlier report as it was. Other files in `folder` are kept.
+    earlier report as it was. What an earlier report has in a format not asked for now goes with it, for it would
+    contradict the new one; other files in `folder` are kept.
 
     Parameters
     ----------
@@ -65,24 +66,26 @@ def _contents(comparison: Comparison, formats: Sequence[Format]) -> dict[Format,
 
 
 def _swap(staging: Path, target: Path, names: tuple[str, ...]) -> tuple[Path, ...]:
-    """Move the finished folder into place; a folder that is already there is exchanged, its other files kept."""
+    """Move the finished folder into place; in a folder that is already there the whole report is exchanged."""
     staging.chmod(0o755)
     if not target.exists():
         staging.rename(target)
         return tuple(target / name for name in names)
+    every = tuple(f"report.{one}" for one in FORMATS)
+    earlier = {name for name in every if (target / name).exists()}
     old = Path(tempfile.mkdtemp(prefix=f".{target.name}-old-", dir=target.parent))
-    moved: list[str] = []
     try:
-        for name in names:
-            if (target / name).exists():
+        for name in every:
+            if name in earlier:
                 (target / name).rename(old / name)
-            moved.append(name)
-            (staging / name).rename(target / name)
-    except OSError:
-        for name in moved:
-            (target / name).unlink(missing_ok=True)
+            if name in names:
+                (staging / name).rename(target / name)
+    except BaseException:  # an interrupt too
+        for name in every:
             if (old / name).exists():
-                (old / name).rename(target / name)
+                (old / name).replace(target / name)
+            elif name not in earlier:
+                (target / name).unlink(missing_ok=True)
         raise
     finally:
         shutil.rmtree(old, ignore_errors=True)

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import platform
 import sys
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from datetime import UTC, datetime
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 
 from threadpoolctl import threadpool_limits
 
 from maglev_ctrl._version import __version__
-from maglev_ctrl.scenario import OptionRecord, Scenario, build_vehicle
+from maglev_ctrl.scenario import OptionRecord, Scenario, build_vehicle, describe_option
 from maglev_ctrl.study.forces import describe_forces
 from maglev_ctrl.study.option import study_option
 from maglev_ctrl.study.records import Comparison, OptionStudy
+from maglev_ctrl.study.requirements import not_evaluated
+from maglev_ctrl.study.situation import OptionModel
+from maglev_ctrl.study.workers import Lost, shared
 
 Progress = Callable[[str, float], None]
 PACKAGES = ("numpy", "scipy", "matplotlib", "pydantic", "pint", "plotly", "typst")
@@ -38,6 +40,7 @@ def run(scenario: Scenario, *, jobs: int = 1, progress: Progress | None = None) 
     Raises
     ------
     ValueError : jobs is below one
+    ModelError : the processes cannot start
 
     Examples
     --------
@@ -88,24 +91,27 @@ def _serial(scenario: Scenario, tell: Progress) -> dict[str, OptionStudy]:
 def _parallel(scenario: Scenario, workers: int, tell: Progress) -> dict[str, OptionStudy]:
     """One option a task; each worker keeps to one BLAS thread."""
     found: dict[str, OptionStudy] = {}
-    context = multiprocessing.get_context("spawn")
-    tell(f"{len(scenario.options)} options on {workers} processes", 0.0)
-    with _one_blas_thread(), ProcessPoolExecutor(max_workers=workers, mp_context=context) as pool:
-        tasks = {pool.submit(_task, scenario, option): option for option in scenario.options}
-        try:
-            for task in as_completed(tasks):
-                option = tasks[task]
-                found[option.name] = task.result()
-                tell(f"{option.label or option.name}: done", len(found) / len(tasks))
-        except BaseException:
-            # Ctrl-C or a failed worker: what has not begun is not begun.
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    options = scenario.options
+    tell(f"{len(options)} options on {workers} processes", 0.0)
+    with _one_blas_thread(), closing(shared(partial(study_option, scenario), options, workers=workers)) as results:
+        for position, result in results:
+            option = options[position]
+            lost = isinstance(result, Lost)
+            found[option.name] = _unstudied(scenario, option, result.reason) if isinstance(result, Lost) else result
+            tell(f"{option.label or option.name}: {'not studied' if lost else 'done'}", len(found) / len(options))
     return found
 
 
-def _task(scenario: Scenario, option: OptionRecord) -> OptionStudy:
-    return study_option(scenario, option)
+def _unstudied(scenario: Scenario, option: OptionRecord, reason: str) -> OptionStudy:
+    """The record of an option that was lost with its process."""
+    return OptionStudy(
+        name=option.name, label=option.label or option.name, kind=option.kind,
+        summary=describe_option(scenario, option), vehicle=OptionModel(scenario, option).vehicle(), failure=reason,
+        equilibrium=None, system=None, open_system=None, modes=None, design=None, sweeps=(), locus=None, margins=None,
+        margins_reason="", nyquist=(), floquet=None, floquet_reason="",
+        requirements=tuple(not_evaluated(requirement, reason) for requirement in scenario.requirements), notes=(),
+        seconds=0.0,
+    )  # fmt: skip
 
 
 @contextmanager

@@ -197,6 +197,18 @@ def test_new_writes_a_valid_file_once(
     assert "does not exist" in refused(["new", "nowhere/train"], capsys, tmp_path)
 
 
+def test_new_tells_the_command_that_was_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("MAGLEV_CTRL_COMMAND", raising=False)
+    assert main(["new", "one"]) == 0
+    assert "next:    maglev-ctrl check one.toml" in capsys.readouterr().out
+    monkeypatch.setenv("MAGLEV_CTRL_COMMAND", "python3 dev.py")
+    assert main(["new", "two"]) == 0
+    assert "python3 dev.py check two.toml\n         python3 dev.py report two.toml" in capsys.readouterr().out
+
+
 def test_schema_and_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["schema"]) == 0
     assert json.loads(capsys.readouterr().out)["properties"]["format"]["const"] == 1

@@ -202,12 +202,35 @@ def test_failure_leaves_the_earlier_report_alone(
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
 
 
+def test_an_interrupt_while_moving_leaves_the_earlier_report_alone(
+    comparison: Comparison, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "out"
+    folder.mkdir()
+    for name in ("report.html", "report.pdf"):
+        (folder / name).write_text("earlier")
+    rename = Path.rename
+
+    def interrupted(self: Path, target: Path) -> Path:
+        if self.name == "report.json":
+            raise KeyboardInterrupt
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write(comparison, folder, formats=("json",))
+    assert {p.name: p.read_text() for p in folder.iterdir()} == {"report.html": "earlier", "report.pdf": "earlier"}
+    assert [p.name for p in tmp_path.iterdir()] == ["out"]
+
+
 def test_a_new_report_replaces_the_old_and_keeps_other_files(comparison: Comparison, tmp_path: Path) -> None:
     folder = tmp_path / "out"
     folder.mkdir()
     (folder / "notes.txt").write_text("mine")
     (folder / "report.json").write_text("old")
+    (folder / "report.pdf").write_text("of an earlier run, which the new report would contradict")
     write(comparison, folder, formats=("json",))
+    assert sorted(p.name for p in folder.iterdir()) == ["notes.txt", "report.json"]
     assert (folder / "notes.txt").read_text() == "mine"
     assert json.loads((folder / "report.json").read_text())["format"] == 1
     assert [p.name for p in tmp_path.iterdir()] == ["out"]
