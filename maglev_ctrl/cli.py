@@ -307,7 +307,7 @@ def _console(*, stderr: bool = False) -> Console:
 
     console = Console(stderr=stderr, highlight=False)
     # Into a file or a pipe a table must not be folded at the 80 columns assumed there.
-    return console if console.is_terminal else Console(stderr=stderr, highlight=False, width=240)
+    return console if console.is_terminal else Console(stderr=stderr, highlight=False, width=160)
 
 
 def _print_verdicts(console: Console, comparison: Comparison) -> None:
@@ -331,7 +331,10 @@ def _why(option: OptionStudy) -> str:
     if option.failure:
         return option.failure
     missed = [result for result in option.requirements if result.verdict.value != "PASS"]
-    return "; ".join(f"{result.name} {_shown(result)}" for result in missed)
+    names: dict[str, list[str]] = {}  # what is said of several requirements alike is said once
+    for result in missed:
+        names.setdefault(_shown(result), []).append(result.name)
+    return "; ".join(f"{', '.join(alike)} {said}" for said, alike in names.items())
 
 
 def _shown(result: RequirementResult) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from maglev_ctrl.scenario.checks_options import option_faults
+from maglev_ctrl.scenario.checks_options import NEGATIVE_DAMPING, option_faults
 from maglev_ctrl.scenario.force_schema import CoefficientForces, CornerImageForces, ImageForces, TableForces
 from maglev_ctrl.scenario.layout import BOGIES, CAR, GUIDEWAY, Layout, layout
 from maglev_ctrl.scenario.problems import Fault, KeyPath
@@ -57,6 +57,9 @@ def _vehicle_faults(vehicle: VehicleRecord) -> Iterator[Fault]:
         yield from _inertia_faults(bogie, bogie.freedom, path=path)
     if vehicle.secondary.half_spacing < 0.0:
         yield Fault(("vehicle", "secondary", "half_spacing"), "expected a length of zero or more")
+    for key in ("damping", "lateral_damping"):
+        if getattr(vehicle.secondary, key) < 0.0:
+            yield Fault(("vehicle", "secondary", key), NEGATIVE_DAMPING)
 
 
 def _freedom_faults(freedoms: tuple[str, ...], *, path: KeyPath) -> Iterator[Fault]:

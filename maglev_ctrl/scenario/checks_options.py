@@ -25,6 +25,7 @@ from maglev_ctrl.scenario.problems import Fault, KeyPath, near_match
 from maglev_ctrl.scenario.units import describe, dimensions_of
 
 # kind: (may have passive elements, may have actuators, every element's attachment)
+NEGATIVE_DAMPING = "expected a damping that is not negative; an actuator can add energy, a damper cannot"
 _KINDS: dict[str, tuple[bool, bool, str]] = {
     "baseline": (False, False, "any"),
     "passive_primary": (True, False, "primary"),
@@ -134,6 +135,8 @@ def _effect_faults(option: OptionRecord, *, path: KeyPath) -> Iterator[Fault]:
     for index, spring in enumerate(option.spring_dampers):
         if spring.stiffness == 0.0 and spring.damping == 0.0:
             yield Fault((*path, "spring_damper", index), "expected a stiffness or a damping other than zero")
+        if spring.damping < 0.0:
+            yield Fault((*path, "spring_damper", index, "damping"), NEGATIVE_DAMPING)
 
 
 def _weight_faults(option: OptionRecord, law: Lqr | Lqg, here: Layout, *, path: KeyPath) -> Iterator[Fault]:

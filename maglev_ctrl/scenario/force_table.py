@@ -70,7 +70,7 @@ def read_force_table(content: bytes, *, shown: str) -> ForceSamples:
             value, fault = _number(cell)
             columns[name].append(value * factor)
             if fault:
-                problems.append(Problem(line, 1 + names.index(name), name, f"row {line}: {fault}"))
+                problems.append(Problem(line, 1 + names.index(name), name, fault))
         if len(problems) >= 20:
             break
     if problems:

@@ -22,7 +22,14 @@ _NOUNS = {
 
 def faults_of(error: ValidationError, data: Mapping[str, Any]) -> list[Fault]:
     """Every finding as a fault with its path in the file."""
-    return [_fault(dict(item), data) for item in error.errors(include_url=False)]
+    items = [dict(item) for item in error.errors(include_url=False)]
+    return [_fault(item, data) for item in items if not _short_by_faults(item)]
+
+
+def _short_by_faults(item: dict[str, Any]) -> bool:
+    """Whether a list counts as too short only because its items have faults, which are told on their own."""
+    got = item.get("input")
+    return item["type"] == "too_short" and isinstance(got, list) and len(got) >= item["ctx"]["min_length"]
 
 
 def _fault(item: dict[str, Any], data: Mapping[str, Any]) -> Fault:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import re
 import tomllib
 from collections.abc import Iterator
@@ -76,7 +77,9 @@ def _build_faults(scenario: Scenario) -> Iterator[Fault]:
         for element in vehicle.coefficient_elements:
             element.table.at(scenario.operating.speed)
     except OutOfDomain as error:
-        yield Fault(("operating",), f"the design point has to lie inside the force data: {error}")
+        quantity = str(error).partition(" ")[0]
+        path = ("operating", quantity) if quantity in ("height", "gap", "speed") else ("operating",)
+        yield Fault(path, f"the design point has to lie inside the force data: {error}")
         return
     except (ValueError, ModelError) as error:
         key = "file" if isinstance(scenario.forces, TableForces) else "model"
@@ -103,7 +106,7 @@ def _text(file: Path, *, shown: str) -> str:
             content = stream.read(SIZE_LIMIT + 1)
     except FileNotFoundError:
         raise ScenarioProblems(
-            shown, [Problem(0, 0, "", "no such file; `maglev-ctrl new NAME` writes one to start from")]
+            shown, [Problem(0, 0, "", f"no such file{_near_file(file, '.toml') or _start()}")]
         ) from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
@@ -131,9 +134,15 @@ def _parse(text: str, *, shown: str) -> dict[str, Any]:
         raise ScenarioProblems(shown, [_too_deep()]) from None
     except ValueError as error:
         raise ScenarioProblems(shown, [_syntax_problem(str(error), text)]) from None
+    if not data:
+        raise ScenarioProblems(shown, [Problem(0, 0, "", f"{_nothing_in(text)}{_start()}")])
     if _depth_exceeds(data, DEPTH_LIMIT):
         raise ScenarioProblems(shown, [_too_deep()])
     return data
+
+
+def _nothing_in(text: str) -> str:
+    return "the file holds nothing but comments" if text.strip() else "the file is empty"
 
 
 def _too_deep() -> Problem:
@@ -145,6 +154,10 @@ def _syntax_problem(message: str, text: str) -> Problem:
     lines = text.split("\n")
     line, column = (int(match[1]), int(match[2])) if match else (len(lines), len(lines[-1]) + 1)
     reason = _AT.sub("", message).replace(" (at end of document)", "")
+    if "Illegal character '\\n'" in message or "Unterminated string" in message:
+        return Problem(
+            line, column, "", "expected valid TOML: a text is not closed; its last quotation mark is missing"
+        )
     hint = "; the file ends too early" if "end of document" in message else ""
     if "Invalid value" in message:
         hint = '; a quantity is a text in quotes, for example "0.2 m"'
@@ -179,7 +192,7 @@ def _force_table(forces: TableForces, scenario_file: Path) -> tuple[bytes, Force
     if wanted.is_absolute() or not target.is_relative_to(folder):
         raise ValueError(f'expected a file in the scenario\'s folder or below it, got "{forces.file}"')
     if not target.is_file():
-        raise ValueError(f'no file "{forces.file}" beside the scenario{_near_file(target)}')
+        raise ValueError(f'no file "{forces.file}" beside the scenario{_near_file(target, ".csv")}')
     try:
         with target.open("rb") as stream:
             content = stream.read(TABLE_LIMIT + 1)
@@ -190,13 +203,21 @@ def _force_table(forces: TableForces, scenario_file: Path) -> tuple[bytes, Force
     return content, read_force_table(content, shown=str(scenario_file.parent / wanted))
 
 
-def _near_file(target: Path) -> str:
+def _near_file(target: Path, suffix: str) -> str:
+    """`; did you mean "x"?` when a file of a similar name lies in the same folder."""
     from difflib import get_close_matches
 
-    if not target.parent.is_dir():
+    try:
+        names = sorted(path.name for path in target.parent.glob(f"*{suffix}"))
+    except OSError:
         return ""
-    near = get_close_matches(target.name, sorted(p.name for p in target.parent.glob("*.csv")), n=1)
+    near = get_close_matches(target.name, names, n=1) or [name for name in names if name == target.name + suffix]
     return f'; did you mean "{near[0]}"?' if near else ""
+
+
+def _start() -> str:
+    command = os.environ.get("MAGLEV_CTRL_COMMAND", "maglev-ctrl")  # dev.py says how it was called
+    return f"; `{command} new NAME` writes one to start from"
 
 
 def _fingerprint(scenario: Scenario, content: bytes) -> str:

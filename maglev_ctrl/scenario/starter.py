@@ -71,7 +71,7 @@ vertical_velocity = "receding_image"  # lift depends on vertical velocity: negat
 speed = "400 km/h"                    # design point
 height = "0.10 m"
 hold = "height"                       # height: lift is trimmed to the weight at this height | strength
-sweep.speed = { from = "100 km/h", to = "450 km/h", count = 15 }
+sweep.speed = { from = "60 km/h", to = "450 km/h", count = 15 }    # the map below covers the same speeds
 sweep.payload = { from = "0 t", to = "5 t", count = 3 }
 
 [periodic]                            # may be left out: no resonance map then

@@ -33,6 +33,7 @@ _DIGITS = re.compile(r"\d+(?:\.\d+)?")
 _TONS = {"ton", "kiloton", "megaton", "short_ton", "long_ton", "UK_ton", "US_ton"}
 _ANGLES = ("radian", "degree", "arcminute", "arcsecond", "turn", "revolution")
 _NEWTON_METRE = re.compile(r"(?<![A-Za-z])[kM]?Nm(?![A-Za-z])")
+_WORDS = {"tonne": "t", "tonnes": "t", "kilogram": "kg", "metre": "m", "millimetre": "mm", "second": "s", "newton": "N"}
 _COMMON = (
     "m", "mm", "cm", "km", "um", "kg", "g", "t", "s", "ms", "us", "min", "h", "m/s", "km/h", "N", "kN", "MN", "N/m",
     "kN/m", "MN/m", "N*s/m", "kN*s/m", "kg*m^2", "t*m^2", "S/m", "MS/m", "A", "kA", "Hz", "rad/s", "rad", "deg", "1/s",
@@ -245,7 +246,10 @@ def read_quantity(text: str, *, expected: str = "a number with its unit") -> Qua
     number, unit = float(match[1].replace("_", "")), match[2]
     if not unit:
         raise ValueError(f'expected {expected}, got "{_short(text)}" without a unit')
-    factor, dimensions, written = _unit(_plain_unit(unit))
+    try:
+        factor, dimensions, written = _unit(_plain_unit(unit))
+    except _UnknownUnit as fault:
+        raise ValueError(f"{fault}" if "did you mean" in f"{fault}" else f"{fault}; expected {expected}") from None
     value = number * factor
     if not math.isfinite(value):
         raise ValueError(f'expected {expected}, got "{_short(text)}", which is not finite')
@@ -281,6 +285,10 @@ def describe(dimensions: Dimensions) -> str:
     return " ".join(f"{name}^{power:g}" for name, power in dimensions) or "a plain number or an angle"
 
 
+class _UnknownUnit(ValueError):
+    """A unit nobody knows."""
+
+
 def _plain_unit(unit: str) -> str:
     unit = _NEGATIVE_POWER.sub(lambda m: "^-" + str("¹²³".index(m[1]) + 1), unit.translate(_PRETTY))
     return _ROOT.sub(r"\1^0.5", unit).strip()
@@ -301,7 +309,7 @@ def _unit(unit: str) -> tuple[float, Dimensions, Written]:
     try:
         parsed = _registry().parse_units(unit.replace("^", "**"))
     except Exception:  # pint reports unknown names and broken syntax by many types, tokenizer errors included
-        raise ValueError(_unknown(unit)) from None
+        raise _UnknownUnit(_unknown(unit)) from None
     names = {str(name) for name in parsed._units}
     if names & _TONS:
         raise ValueError(f'the unit "{unit}" is ambiguous; write t for 1000 kg')
@@ -321,7 +329,7 @@ def _unit(unit: str) -> tuple[float, Dimensions, Written]:
 
 
 def _unknown(unit: str) -> str:
-    folded = {known.casefold(): known for known in reversed(_COMMON)}
+    folded = {known.casefold(): known for known in reversed(_COMMON)} | _WORDS
     near = get_close_matches(unit.replace(" ", "*").casefold(), folded, n=1, cutoff=0.6)
     return f'unknown unit "{unit}"' + (f'; did you mean "{folded[near[0]]}"?' if near else "")
 

@@ -76,6 +76,17 @@ def test_report(
     assert "Bare [x]" in out and verdict.value in out and "written: out/train/report.html" in out
 
 
+def test_a_reason_shared_by_requirements_is_told_once() -> None:
+    from maglev_ctrl.cli import _why
+
+    def missed(name: str, reason: str) -> SimpleNamespace:
+        return SimpleNamespace(name=name, verdict=Verdict.NOT_EVALUATED, reason=reason)
+
+    results = (missed("gain", "nothing to break"), missed("map", "no period"), missed("disk", "nothing to break"))
+    option = SimpleNamespace(failure="", requirements=results)
+    assert _why(option) == "gain, disk not evaluated (nothing to break); map not evaluated (no period)"  # type: ignore[arg-type]
+
+
 def test_report_out_and_formats(scenario: Path, recorder: Recorder) -> None:
     assert main(["report", str(scenario), "--out", "here/there", "--format", "json, html"]) == 0
     assert recorder.written == [(Path("here/there"), ("json", "html"))]
@@ -143,7 +154,7 @@ def test_a_missing_column_ends_before_the_study(
     error = refused(["report", str(scenario)], capsys, scenario.parent)
     assert "f.csv:1:1: drag: missing column" in error
     (scenario.parent / "f.csv").write_text("height [m], speed [m/s], lift [N], drag [N]\n0.1, 100, 5, nan\n")
-    assert "f.csv:2:4: drag: row 2: expected a finite number, got nan" in refused(
+    assert "f.csv:2:4: drag: expected a finite number, got nan" in refused(
         ["report", str(scenario)], capsys, scenario.parent
     )
     assert recorder.jobs == 0

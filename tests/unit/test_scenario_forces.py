@@ -80,14 +80,18 @@ def test_magnets_are_trimmed_to_the_weight(tmp_path: Path) -> None:
         (HEADER.replace("drag [N]", "drag [mm]"), None, ["drag: expected a force", "got a length"]),
         (HEADER.replace("drag [N]", "lift [N]"), None, ["lift: column given twice"]),
         (HEADER.replace("guidance [N], ", ""), ["1,2,3,4,5"], ["guidance: missing column"]),
-        (HEADER, ["20, 10, 36, 1, 1, 1", "20, 12, 36, nan, 1, 1"], ["forces.csv:3:4: lift: row 3", "got nan"]),
-        (HEADER, ["20, 10, 36, 1, 1, inf"], ["forces.csv:2:6: drag: row 2", "got inf"]),
-        (HEADER, ["20, 10, 36, 1, one, 1"], ['guidance: row 2: expected a number, got "one"']),
-        (HEADER, ["20, 10, 36, 1, , 1"], ["guidance: row 2: expected a number, got nothing"]),
+        (
+            HEADER,
+            ["20, 10, 36, 1, 1, 1", "20, 12, 36, nan, 1, 1"],
+            ["forces.csv:3:4: lift: expected a finite number", "got nan"],
+        ),
+        (HEADER, ["20, 10, 36, 1, 1, inf"], ["forces.csv:2:6: drag: expected a finite number", "got inf"]),
+        (HEADER, ["20, 10, 36, 1, one, 1"], ['guidance: expected a number, got "one"']),
+        (HEADER, ["20, 10, 36, 1, , 1"], ["guidance: expected a number, got nothing"]),
         (HEADER, ["20, 10, 36, 1, 1"], ["forces.csv:2:1", "expected 6 cells", "got 5"]),
         (HEADER, [], ["at least one row"]),
         (HEADER, rows()[:-1], ["case.toml", "forces.file", "every combination"]),
-        (HEADER, [row.replace("129.6", "100") for row in rows()], ["operating: the design point", "speed 36"]),
+        (HEADER, [row.replace("129.6", "100") for row in rows()], ["operating.speed: the design point", "speed 36"]),
     ],
 )
 def test_each_fault_of_a_table(tmp_path: Path, header: str, lines: list[str] | None, words: list[str]) -> None:

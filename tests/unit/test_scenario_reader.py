@@ -180,9 +180,13 @@ def test_scenario_survives_a_process_boundary(write: Write) -> None:
         (b"# " + b"x" * 30_000, ["lines of at most"]),
         (b"# x\n" * 400_000, ["1 MiB"]),
         (b"a = " + b"9" * 10_000, ["expected"]),
-        (b"", ["format: missing"]),
+        (b"", ["the file is empty; `", " new NAME` writes one to start from"]),
+        (b"# hello\n\n", ["the file holds nothing but comments; `"]),
+        (b'a = "x\nb = 1\n', ["broken.toml:1:7: expected valid TOML: a text is not closed"]),
+        (b'a = """x\nb = 1\n', ["a text is not closed"]),
     ],
-    ids=["value", "space", "twice", "end", "utf8", "deep", "deeper", "dotted", "line", "size", "digits", "empty"],
+    ids=["value", "space", "twice", "end", "utf8", "deep", "deeper", "dotted", "line", "size", "digits", "empty",
+         "comment", "open", "open_block"],
 )  # fmt: skip
 def test_broken_files(tmp_path: Path, content: bytes, words: list[str]) -> None:
     file = tmp_path / "broken.toml"
@@ -195,6 +199,43 @@ def test_broken_files(tmp_path: Path, content: bytes, words: list[str]) -> None:
 def test_missing_file_and_folder(tmp_path: Path) -> None:
     assert "no such file" in faults(tmp_path / "none.toml")[0]
     assert "got a folder" in faults(tmp_path)[0]
+
+
+def test_a_missing_file_names_a_near_one(tmp_path: Path) -> None:
+    (tmp_path / "eds_135t.toml").write_text("format = 1\n")
+    for wanted in ("eds_135.toml", "eds_135t", "eds-135t.toml"):
+        assert faults(tmp_path / wanted) == [f'{tmp_path / wanted}: no such file; did you mean "eds_135t.toml"?']
+    assert "writes one to start from" in faults(tmp_path / "other.toml")[0]
+
+
+def test_faults_of_every_item_do_not_make_a_list_short(tmp_path: Path) -> None:
+    file = tmp_path / "bogies.toml"
+    file.write_text(starter_text("Bogies").replace('mass = "3 t"', 'mass = "3 m"'), encoding="utf-8")
+    found = faults(file)
+    assert len(found) == 2 and all("].mass: expected a mass" in line for line in found)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key"),
+    [
+        ('damping = "30 kN*s/m"', 'damping = "-30 kN*s/m"', "option[1].spring_damper[0].damping"),
+        ('damping = "0 kN*s/m"', 'damping = "-1 kN*s/m"', "vehicle.secondary.damping"),
+    ],
+)
+def test_a_damper_that_adds_energy_is_refused(tmp_path: Path, old: str, new: str, key: str) -> None:
+    file = tmp_path / "damper.toml"
+    file.write_text(starter_text("Damper").replace(old, new), encoding="utf-8")
+    (found,) = faults(file)
+    assert f"{key}: expected a damping that is not negative; an actuator can add energy" in found
+
+
+def test_the_starter_sweeps_the_speeds_of_its_map(tmp_path: Path) -> None:
+    file = tmp_path / "starter.toml"
+    file.write_text(starter_text("Starter"), encoding="utf-8")
+    scenario = load(file)
+    assert scenario.periodic is not None and scenario.operating.sweep.speed is not None
+    swept, mapped = scenario.operating.sweep.speed, scenario.periodic.map.speed
+    assert (swept.first, swept.last) == (mapped.first, mapped.last)
 
 
 def test_windows_text_is_read(tmp_path: Path, write: Write) -> None:
