@@ -83,7 +83,7 @@ def _drawn_words(curve: tuple[Line | Marks, ...], *, tips: bool) -> str:
     if any(isinstance(item, Line) for item in curve):
         words += ", the line is the smallest unstable depth at each speed"
     if any(isinstance(item, Marks) for item in curve):
-        words += ", a circle is that depth where only a single speed of the map is unstable"
+        words += ", a circle the smallest unstable depth of a single speed between stable ones"
     return words + (", a triangle the tip of a tongue found between the map's speeds" if tips else "")
 
 

@@ -109,7 +109,7 @@ def _equilibrium_table(option: OptionStudy) -> Table:
     if gaps.size and np.isfinite(gaps).any():
         rows.insert(2, row("Guidance gaps", _range(gaps * 1e3, "mm")))
     return Table(
-        f"Equilibrium of {option.label} at the design point", ("Quantity", "Value"), tuple(rows), (2.0, 1.0), (1,)
+        f"Equilibrium of {option.label} at the design point", ("Quantity", "Value"), tuple(rows), (1.2, 1.0), (1,)
     )
 
 
