@@ -18,6 +18,7 @@ from maglev_ctrl.errors import ModelError
 
 _CONTEXT = multiprocessing.get_context("spawn")
 _READY = "ready"
+_CURE = 'use one process only (--jobs 1); in a script, call run() from under `if __name__ == "__main__":`'
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
@@ -42,8 +43,8 @@ def shared(
 ) -> Generator[tuple[int, Result | Lost], None, None]:
     """Results in the order they come, each with the position of its item.
 
-    A process that dies loses only the task it was at; another takes its place. However this ends, by the last result,
-    an exception or an interrupt, no process is left behind.
+    A process that dies loses only the task it was at; another takes its place, or the others go on without it. However
+    this ends, by the last result, an exception or an interrupt, no process is left behind.
 
     Parameters
     ----------
@@ -67,8 +68,11 @@ def shared(
                     message = worker.pipe.recv()
                 except (EOFError, OSError):
                     yield from _loss(team, worker)
-                    if waiting:
+                    if waiting and worker.ready:
                         _join_team(team, task)
+                    elif not team:
+                        yield from _rest(waiting, worker, none_done=len(waiting) == len(items))
+                        return
                     continue
                 yield from _result(worker, message)
                 if waiting:
@@ -95,15 +99,18 @@ def _loss(team: list[_Worker], worker: _Worker) -> Iterator[tuple[int, Lost]]:
     team.remove(worker)
     worker.pipe.close()
     worker.process.join(5.0)
-    how = _ending(worker.process.exitcode)
-    if not worker.ready:
-        raise ModelError(
-            f"a process for the study cannot start: {how}; use one process only (--jobs 1), and in a script call run() "
-            'from under `if __name__ == "__main__":`'
-        )
     if worker.task is not None:
+        how = _ending(worker.process.exitcode)
         reason = f"not studied: its process {how}; where memory is short, use fewer processes (--jobs 1)"
         yield worker.task, Lost(reason)
+
+
+def _rest(waiting: list[int], last: _Worker, *, none_done: bool) -> Iterator[tuple[int, Lost]]:
+    """What becomes of the tasks not begun when no process is left and none can start."""
+    how = _ending(last.process.exitcode)
+    if none_done:
+        raise ModelError(f"the processes for the study cannot start: one {how}; {_CURE}")
+    yield from ((position, Lost(f"not studied: its process {how}")) for position in waiting)
 
 
 def _result(worker: _Worker, message: Any) -> Iterator[tuple[int, Any]]:

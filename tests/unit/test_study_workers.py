@@ -15,9 +15,9 @@ from pathlib import Path
 
 import pytest
 
-from maglev_ctrl.errors import Verdict
+from maglev_ctrl.errors import ModelError, Verdict
 from maglev_ctrl.scenario import Scenario
-from maglev_ctrl.study import run
+from maglev_ctrl.study import run, workers
 from maglev_ctrl.study.workers import Lost, shared
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -41,6 +41,13 @@ def test_a_killed_process_loses_its_task_only() -> None:
 def test_a_fault_of_the_task_is_raised_and_ends_the_processes() -> None:
     with pytest.raises(ValueError, match="math domain"):
         list(shared(math.sqrt, [1.0, -1.0], workers=2))
+    assert multiprocessing.active_children() == []
+
+
+def test_processes_that_cannot_start_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(workers, "_work", math.sqrt)  # called with two arguments: ends at once, before it is ready
+    with pytest.raises(ModelError, match="cannot start: one ended with status 1; use one process only"):
+        list(shared(math.sqrt, [1.0, 4.0], workers=2))
     assert multiprocessing.active_children() == []
 
 
