@@ -267,10 +267,10 @@ def _calm(forcing: _Forcing, atlas: ResonanceMap) -> bool:
 
 
 def _delays_are_short(model: OptionModel, vehicle: Vehicle, controller: Controller | None) -> bool:
-    """Whether every actuator's delay is short against every oscillating mode at the design point."""
+    """Whether there are delays, and all of them short against every oscillating mode at the design point."""
     longest = max((actuator.delay for actuator in vehicle.actuators), default=0.0)
     if longest == 0.0:
-        return True
+        return False  # nothing to merge
     s = np.linalg.eigvals(model.closed_of(vehicle, Situation.of_design(model.scenario), controller).state_matrix())
     oscillating = s[(s.imag > 0.0) & (-s.real < LIGHT * np.abs(s))]
     fastest = float(np.max(np.abs(oscillating))) if oscillating.size else 0.0

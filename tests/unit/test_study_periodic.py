@@ -127,7 +127,7 @@ def test_unresolved_columns_are_no_go(atlas: ResonanceMap) -> None:
     assert all(not low < atlas.parameter[3] < high for low, high in go)
 
 
-@pytest.mark.parametrize(("delay", "merged"), [("2 ms", True), ("60 ms", False)])
+@pytest.mark.parametrize(("delay", "merged"), [("2 ms", True), ("60 ms", False), ("0 ms", False)])
 def test_only_short_delays_are_merged_into_a_lag(
     small_scenario: Callable[..., Scenario], small_text: str, delay: str, merged: bool
 ) -> None:
