@@ -22,6 +22,7 @@ BRACKET = 1e-3  # the deciding depth is checked this far (relative) on either si
 SHORT = 0.2  # rad: largest delay times frequency of a mode at which a delay may be merged into a lag on the map
 LIGHT = 0.5  # damping ratio above which a mode does not resonate
 UNRESOLVED = "UNRESOLVED: the two engines disagree"
+COARSE_STEPS, FINE_STEPS = 6, 12  # of the search for the bottom of a valley
 VALLEYS = 4  # this many of the lowest valleys of the critical depth are followed to their bottom
 PROBES = 2  # where a map shows no instability, this many of its least stable speeds are checked on the full model
 
@@ -239,21 +240,21 @@ def _bottom(forcing: _Forcing, valley: tuple[float, float, float], largest: floa
             seen[speed] = critical_depth(forcing.at(speed, full=False), depth_max=largest).depth
         return min(seen[speed], 2.0 * largest)
 
-    def search(left: float, right: float) -> None:
+    def search(left: float, right: float, steps: int) -> None:
         if right - left > 1e-9 * right:
             minimize_scalar(
                 lambda v: depth(float(v)), bounds=(left, right), method="bounded",
-                options={"xatol": 1e-3 * (right - left), "maxiter": 12},
+                options={"xatol": 1e-3 * (right - left), "maxiter": steps},
             )  # fmt: skip
 
     # One search on either side of what is known, because a tongue may be narrower than the valley; then between the
     # neighbours of the lowest point met.
     depth(at)
-    search(low, at)
-    search(at, high)
+    search(low, at, COARSE_STEPS)
+    search(at, high, COARSE_STEPS)
     met = sorted(seen)
     lowest = min(range(len(met)), key=lambda k: seen[met[k]])
-    search(met[max(lowest - 1, 0)], met[min(lowest + 1, len(met) - 1)])
+    search(met[max(lowest - 1, 0)], met[min(lowest + 1, len(met) - 1)], FINE_STEPS)
     speed = min(seen, key=lambda v: seen[v])
     return seen[speed], speed
 

@@ -109,14 +109,17 @@ def worst_places(model: OptionModel, controller: Controller | None, one: Sweep) 
     The neighbourhood of the worst sample is searched; a sweep of few points is first made twice as dense.
     """
     closed = _closed_at(model, controller, one.parameter)
-    known = one.values[np.isfinite(one.abscissa)]
+    there = np.isfinite(one.abscissa)
+    known = one.values[there]
     if not known.size:
         return ()
-    if len(known) < DENSE:
-        known = np.unique(np.concatenate([known, 0.5 * (known[1:] + known[:-1])]))
+    between = 0.5 * (known[1:] + known[:-1]) if len(known) < DENSE else known[:0]
+    order = np.argsort(np.concatenate([known, between]))
     places = [float(known[0]), float(known[-1])]
-    for badness in (_growth, _lack_of_damping):
-        values = np.array([_badness(closed, float(v), badness) for v in known])
+    known = np.concatenate([known, between])[order]
+    for badness, sampled in ((_growth, one.abscissa), (_lack_of_damping, -one.least_damping)):
+        added = [_badness(closed, float(v), badness) for v in between]
+        values = np.nan_to_num(np.concatenate([sampled[there], added])[order], nan=-np.inf)
         k = int(np.argmax(values))
         low, high = float(known[max(k - 1, 0)]), float(known[min(k + 1, len(known) - 1)])
         found = minimize_scalar(
