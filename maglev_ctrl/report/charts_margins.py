@@ -186,8 +186,12 @@ def _margin_panel(comparison: Comparison, name: str, *, first: bool) -> Panel:
     word = "at least" if sense == "at_least" else "at most"
     return Panel(
         items=tuple(items),
-        x=Axis("margin (% of limit)", limits=(-_LONGEST_BAR, _LONGEST_BAR), ticks=_TICKS,
-               tick_labels=tuple(f"{t:g}".replace("-", MINUS) for t in _TICKS)),
+        x=Axis(
+            "margin (% of limit)",
+            limits=(-_LONGEST_BAR, _LONGEST_BAR),
+            ticks=_TICKS,
+            tick_labels=tuple(f"{t:g}".replace("-", MINUS) for t in _TICKS),
+        ),
         y=Axis(
             "",
             limits=(0.6 - len(options), 0.6),
