@@ -8,7 +8,7 @@ import numpy as np
 
 from maglev_ctrl.analysis.disk import DiskMargin
 from maglev_ctrl.analysis.margins import Margins
-from maglev_ctrl.arrays import ComplexArray, FloatArray
+from maglev_ctrl.arrays import ComplexArray
 from maglev_ctrl.errors import Verdict
 from maglev_ctrl.report.chart import Area, Axis, Bars, Chart, Item, Line, Marks, Note, Panel, Rule, Span
 from maglev_ctrl.report.style import ABSENT, ALPHA, FADED, FAIL_COLOUR, INK, MINUS, UNKNOWN_COLOUR, colour, number
@@ -218,8 +218,3 @@ def _bound_arrow(found: RequirementResult, at: float, tint: str) -> list[Item]:
 
 def _short(label: str) -> str:
     return label if len(label) <= 24 else f"{label[:11].rstrip()} … {label[-10:].lstrip()}"
-
-
-def finite_or_nan(values: FloatArray) -> FloatArray:
-    """Infinities as NaN, so that curves break there."""
-    return np.where(np.isfinite(values), values, np.nan)

@@ -20,7 +20,7 @@ from maglev_ctrl.study.periodic import floquet_study
 from maglev_ctrl.study.records import FloquetStudy, NyquistCurve, OptionStudy, RootLocus, Sweep
 from maglev_ctrl.study.requirements import judge, not_evaluated
 from maglev_ctrl.study.situation import OptionModel, Situation
-from maglev_ctrl.study.sweeps import sweep, sweep_values, varied, worst_places
+from maglev_ctrl.study.sweeps import place, sweep, sweep_values, varied, worst_places
 from maglev_ctrl.synthesis.design import Design
 from maglev_ctrl.systems import Controller
 
@@ -118,8 +118,7 @@ def _checks(model: OptionModel, controller: Controller | None, one: Sweep) -> tu
     for value in worst_places(model, controller, one):
         situation = varied(design, one.parameter, value)
         settled, doubt = settled_modes(model, model.vehicle(situation.payload), situation, controller)
-        where = f"{one.parameter.replace('_', ' ')} {value * one.scale:.4g} {one.unit}"
-        found.append(SweepCheck(where, settled, doubt))
+        found.append(SweepCheck(place(one, value), settled, doubt))
     return tuple(found)
 
 
@@ -135,8 +134,8 @@ def _margins(
     for one in sweeps:
         if one.parameter in MARGIN_SWEEPS:
             for value in _margin_values(one, _design_values(model)[one.parameter]):
-                where = f"{one.parameter} {value * one.scale:.4g} {one.unit}"
-                points.append(_margin_point(where, model, controller, varied(design, one.parameter, value)))
+                situation = varied(design, one.parameter, value)
+                points.append(_margin_point(place(one, value), model, controller, situation))
     return tuple(points), root_locus(loops), nyquist_curves(loops.loop())
 
 
@@ -155,9 +154,7 @@ def _margin_point(where: str, model: OptionModel, controller: Controller | None,
     try:
         loops = option_loops(model, situation, controller)
         found: Margins | None = loop_margins(loops.loop()) if loops else None
-    except NotStable as fault:
-        return MarginPoint(where, None, f"{fault}")
-    except (ModelError, OutOfDomain, np.linalg.LinAlgError) as fault:
+    except (NotStable, ModelError, OutOfDomain, np.linalg.LinAlgError) as fault:
         return MarginPoint(where, None, f"{fault}")
     return MarginPoint(where, found, "")
 

@@ -16,7 +16,7 @@ from maglev_ctrl.errors import Agreement, Verdict
 from maglev_ctrl.scenario import RequirementRecord
 from maglev_ctrl.study.evidence import Evidence, SweepCheck
 from maglev_ctrl.study.records import RequirementResult, Sweep
-from maglev_ctrl.study.sweeps import least_damping
+from maglev_ctrl.study.sweeps import least_damping, place
 
 ROUNDING = 1e-12
 EIGENVALUES = "eigenvalues with error bounds, confirmed by Lyapunov inertia"
@@ -196,11 +196,7 @@ def _holes(sweep: Sweep) -> str:
         return ""
     value, why = sweep.gaps[0]
     count = len(sweep.gaps)
-    return f"{count} of {len(sweep.values)} sweep points could not be evaluated, first {_show(sweep, value)}: {why}"
-
-
-def _show(sweep: Sweep, value: float) -> str:
-    return f"{sweep.parameter.replace('_', ' ')} {value * sweep.scale:.4g} {sweep.unit}"
+    return f"{count} of {len(sweep.values)} sweep points could not be evaluated, first {place(sweep, value)}: {why}"
 
 
 def _boundary_margin(parameter: str, *, relative: bool) -> Callable[[Evidence, str], Finding]:
@@ -218,7 +214,7 @@ def _boundary_margin(parameter: str, *, relative: bool) -> Callable[[Evidence, s
             return Finding(0.0, "design point", EIGENVALUES, "not stable at the design point")
         margin = margin_to_boundary(sweep.boundaries, value)
         found = margin.relative if relative else margin.distance
-        where = _show(sweep, margin.at)
+        where = place(sweep, margin.at)
         if margin.kind == "boundary":
             return Finding(found, where, "bisection of the stability boundary", f"stability is lost at {where}")
         why = f"no instability found up to {where} ({margin.reason})"

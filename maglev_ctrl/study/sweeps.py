@@ -47,6 +47,11 @@ def varied(design: Situation, parameter: SweepName, value: float) -> Situation:
             return replace(design, lateral_offset=value)
 
 
+def place(one: Sweep, value: float) -> str:
+    """A value of the swept parameter as people read it: "speed 153 km/h"."""
+    return f"{one.parameter.replace('_', ' ')} {value * one.scale:.4g} {one.unit}"
+
+
 def sweep_values(scenario: Scenario) -> tuple[tuple[SweepName, FloatArray], ...]:
     """The scenario's sweeps: parameter and values in SI."""
     sweeps = scenario.operating.sweep
