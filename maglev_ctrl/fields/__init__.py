@@ -1,0 +1,1 @@
+"""Eddy-current fields of a conducting guideway: cross-sections, meshes and the fields solved on them."""
