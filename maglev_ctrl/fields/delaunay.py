@@ -172,7 +172,7 @@ def _wanted(
 
 
 def _sites(cloud: Cloud, shapes: Shapes, index: IntArray, h: FloatArray, spacing: Spacing) -> FloatArray:
-    """For each triangle the point at the wanted spacing from its shortest edge, or its circumcentre where that is nearer."""
+    """For each triangle the point at the wanted spacing from its shortest edge, its circumcentre where that is nearer."""
     centre, short = shapes.circumcentre[index], shapes.shortest[index]
     corner = shapes.triangles[index]
     apex = shapes.apex[index]

@@ -9,17 +9,15 @@ from numpy.typing import NDArray
 
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.fields.delaunay import (
-    FREE,
     VERTEX,
     Cloud,
     IntArray,
-    missing_segments,
     refine,
     shapes_of,
     smooth,
     triangles_of,
 )
-from maglev_ctrl.fields.polygon import cross, inner_angles, inside, point_distances
+from maglev_ctrl.fields.polygon import cross, inner_angles, inside
 from maglev_ctrl.fields.section import CrossSection
 
 AIR = -1
@@ -55,23 +53,29 @@ class Triangulation:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Spacing:
-    """Edge length wanted: finest at corners, growing linearly with distance, capped in metal, growing on into the air."""
+    """Edge length wanted: finest at corners, growing with distance from them, capped in metal, growing on in air."""
 
     section: CrossSection
+    corners: FloatArray
     finest: float
     in_conductor: float
     growth: float
+    air_growth: float
     coarsest: float
 
     def __call__(self, points: FloatArray) -> FloatArray:
         """Edge length wanted at points (n, 2), m."""
         to_metal = np.maximum(self.section.distance(points), 0.0)
-        wide = np.minimum(self.in_conductor + self.growth * to_metal, self.coarsest)
-        corners = _corners(self.section)
-        if not len(corners):
-            return wide
-        away = np.min(np.hypot(*(points[:, None, :] - corners).transpose(2, 0, 1)), axis=1)
-        return np.asarray(np.minimum(self.finest + self.growth * away, wide))
+        wanted = np.full(len(points), self.in_conductor)
+        if len(self.corners):
+            away = np.min(np.hypot(*(points[:, None, :] - self.corners).transpose(2, 0, 1)), axis=1)
+            wanted = np.minimum(
+                self.finest + self.growth * away + (self.air_growth - self.growth) * to_metal,
+                self.in_conductor + self.air_growth * to_metal,
+            )
+        else:
+            wanted += self.air_growth * to_metal
+        return np.asarray(np.minimum(wanted, self.coarsest))
 
 
 def triangulate(
@@ -81,6 +85,7 @@ def triangulate(
     in_conductor: float,
     growth: float = 0.3,
     air_radius: float | None = None,
+    air_growth: float | None = None,
 ) -> Triangulation:
     """Triangles of the section's conductors and of a disk of air about the middle of the section.
 
@@ -91,8 +96,10 @@ def triangulate(
     section : conductors
     finest : edge length at the conductors' corners, m
     in_conductor : largest edge length in metal and on its faces, m
-    growth : how much the edge length grows per metre of distance
+    growth : how much the edge length grows per metre of distance from a corner
     air_radius : m; None for 0.5 m, or six times the section's size where that is more
+    air_growth : how much it grows per metre of distance from metal, up to a sixth of the radius; None for twice
+        `growth`, because the field is smooth there
 
     Raises
     ------
@@ -102,12 +109,12 @@ def triangulate(
     Examples
     --------
     >>> guideway = CrossSection.l_shape(leg=76.2e-3, thickness=6.35e-3, conductivity=2.5e7)
-    >>> mesh = triangulate(guideway, finest=1e-3, in_conductor=6e-3, growth=0.4)
+    >>> mesh = triangulate(guideway, finest=1e-3, in_conductor=6e-3, growth=0.3)
     >>> metal = mesh.areas()[mesh.conductor == 0].sum()
     >>> bool(abs(metal / guideway.conductors[0].area - 1.0) < 1e-12)
     True
     """
-    spacing, ring = _plan(section, finest, in_conductor, growth, air_radius)
+    spacing, ring = _plan(section, finest, in_conductor, growth, air_radius, air_growth)
     cloud = _outlines(section, spacing, ring)
     smallest = 0.05 * finest
     refine(cloud, spacing, smallest=smallest, angle=0.0)
@@ -118,19 +125,29 @@ def triangulate(
 
 
 def _plan(
-    section: CrossSection, finest: float, in_conductor: float, growth: float, air_radius: float | None
+    section: CrossSection,
+    finest: float,
+    in_conductor: float,
+    growth: float,
+    air_radius: float | None,
+    air_growth: float | None,
 ) -> tuple[Spacing, tuple[FloatArray, float]]:
-    for name, value in (("finest", finest), ("in_conductor", in_conductor), ("growth", growth)):
+    """The edge length wanted, and centre and radius of the disk."""
+    in_air = 2.0 * growth if air_growth is None else air_growth
+    lengths = {"finest": finest, "in_conductor": in_conductor, "growth": growth, "air_growth": in_air}
+    for name, value in lengths.items():
         if not (np.isfinite(value) and value > 0.0):
             raise ValueError(f"{name}: expected a positive value, got {value}")
     if finest > in_conductor:
         raise ValueError(f"finest: expected at most in_conductor = {in_conductor} m, got {finest}")
+    if in_air < growth:
+        raise ValueError(f"air_growth: expected at least growth = {growth}, got {in_air}")
     low, high = section.bounds
     radius = max(0.5, 6.0 * section.size) if air_radius is None else float(air_radius)
     needed = float(np.hypot(*(high - low)))
     if not (np.isfinite(radius) and radius >= needed):
         raise ValueError(f"air_radius: expected at least the section's diagonal {needed:g} m, got {air_radius}")
-    spacing = Spacing(section, finest, in_conductor, growth, radius / 6.0)
+    spacing = Spacing(section, _corners(section), finest, in_conductor, growth, in_air, radius / 6.0)
     return spacing, (0.5 * (low + high), radius)
 
 

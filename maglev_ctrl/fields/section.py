@@ -236,7 +236,7 @@ class CrossSection:
         return np.where(self.contains(at), -away, away)
 
     def clearance(self, start: ArrayLike, end: ArrayLike) -> FloatArray:
-        """Distance of straight pieces from start (..., 2) to end (..., 2) to the nearest metal, m; zero where they meet.
+        """Distance of straight pieces from start to end, both (..., 2), to the nearest metal, m; zero where they meet.
 
         Examples
         --------
