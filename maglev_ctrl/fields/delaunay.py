@@ -22,12 +22,12 @@ Spacing = Callable[[FloatArray], FloatArray]
 
 ROUNDS = 400
 POINTS = 60_000
-LARGE = 1.3
+LARGE = 1.6
 """A triangle is too large when its circumradius exceeds this times an equilateral one's of the spacing wanted."""
-NEAR = 0.7
+NEAR = 0.8
 """Points added are at least this share of the spacing wanted apart."""
-ANGLE = np.radians(28.0)
-"""Smallest angle aimed at; Delaunay refinement ends for certain up to 26 degrees, in practice up to about 30."""
+ANGLE = np.radians(25.0)
+"""Smallest angle aimed at, where the outline itself has no smaller one."""
 EDGE, VERTEX, FREE = 0, -1, -2
 
 
@@ -172,7 +172,7 @@ def _wanted(
 
 
 def _sites(cloud: Cloud, shapes: Shapes, index: IntArray, h: FloatArray, spacing: Spacing) -> FloatArray:
-    """For each triangle the point at the wanted spacing from its shortest edge, its circumcentre where that is nearer."""
+    """Where to add points: at the wanted spacing from the shortest edge, or at the circumcentre if that is nearer."""
     centre, short = shapes.circumcentre[index], shapes.shortest[index]
     corner = shapes.triangles[index]
     apex = shapes.apex[index]

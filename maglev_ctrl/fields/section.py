@@ -175,8 +175,8 @@ class CrossSection:
 
         Raises
         ------
-        ValueError : a rectangle that is not left < right and bottom < top, as many conductivities as rectangles
-            missing, or conductors that overlap
+        ValueError : a rectangle that is not left < right and bottom < top, a wrong count of conductivities, or
+            conductors that overlap
 
         Examples
         --------
@@ -212,7 +212,7 @@ class CrossSection:
     def _edges(self) -> tuple[FloatArray, FloatArray, BoolArray]:
         start = np.concatenate([one.outline for one in self.conductors])
         end = np.concatenate([np.roll(one.outline, -1, axis=0) for one in self.conductors])
-        shared = (_same(start, end) & _same(end, start)).any(axis=1)
+        shared = np.asarray((_same(start, end) & _same(end, start)).any(axis=1))
         return start, end, shared
 
     def contains(self, points: ArrayLike) -> BoolArray:
@@ -233,7 +233,7 @@ class CrossSection:
         """Distance of points (..., 2) to the nearest face, m; negative inside metal."""
         at = read_only(points, name="points", shape=(2,))
         away = np.min(point_distances(at.reshape(-1, 2), *self.faces()), axis=1).reshape(at.shape[:-1])
-        return np.where(self.contains(at), -away, away)
+        return np.asarray(np.where(self.contains(at), -away, away))
 
     def clearance(self, start: ArrayLike, end: ArrayLike) -> FloatArray:
         """Distance of straight pieces from start to end, both (..., 2), to the nearest metal, m; zero where they meet.
@@ -246,7 +246,7 @@ class CrossSection:
         """
         a, b = np.broadcast_arrays(read_only(start, name="start", shape=(2,)), read_only(end, name="end", shape=(2,)))
         away = np.min(edge_distances(a.reshape(-1, 2), b.reshape(-1, 2), *self.faces()), axis=1)
-        return np.where(self.contains(a), 0.0, away.reshape(a.shape[:-1]))
+        return np.asarray(np.where(self.contains(a), 0.0, away.reshape(a.shape[:-1])))
 
     def require_clear(self, start: ArrayLike, end: ArrayLike, *, margin: float = 0.0, name: str = "coil") -> None:
         """Refuse straight pieces from start (..., 2) to end (..., 2), m, that come within `margin` of metal.
