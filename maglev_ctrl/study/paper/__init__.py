@@ -1,0 +1,1 @@
+"""The paper from geometry alone: forces, eigenvalues, mode shapes, and a verdict on every claim."""
