@@ -1,0 +1,236 @@
+"""Modes of a vehicle with frequency-dependent magnets by p-k iteration, as in flutter analysis.
+
+At a frequency w the magnets' dynamic stiffness is replaced by real matrices k + c s + m s^2 that equal it at s = iw,
+
+    k = Q(0),    c = Im Q(w) / w,    m = (k - Re Q(w)) / w^2,
+
+the eigenvalue problem is solved, and w is set to the frequency of the mode that is followed, until it stays. The
+result is exact where the mode neither grows nor decays; elsewhere the coefficients belong to iw and not to s. Because
+Q is analytic its derivative along the axis is its derivative off it, dQ/ds = -i dQ/dw, so the result is corrected
+with a Taylor polynomial of second order about iw, and what the second order changes is its error estimate.
+
+H. J. Hassig, J. Aircraft 8 (1971) 885; W. P. Rodden, E. D. Bellinger, J. Aircraft 19 (1982) 796.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from maglev_ctrl.analysis.modes import Modes, modes
+from maglev_ctrl.analysis.spectrum import Spectrum, system_spectrum
+from maglev_ctrl.analysis.tracking import assurance
+from maglev_ctrl.arrays import ComplexArray, FloatArray
+from maglev_ctrl.vehicle.unsteady import UnsteadyVehicle, rest_stiffness
+
+SETTLED = 1e-10  # of |s|
+NEWTON_STEPS = 25
+STEP = 0.02  # of the frequency, for derivatives along the axis
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PKMode:
+    """One mode by p-k iteration.
+
+    `start` the quasi-static eigenvalue; `classical` the p-k eigenvalue; `s` the same corrected to second order in the
+    growth rate, and `error` 1/s its estimated error (inf when it did not settle); `shape` (n,) of the coordinates.
+    """
+
+    label: str
+    start: complex
+    classical: complex
+    s: complex
+    error: float
+    iterations: int
+    converged: bool
+    shape: ComplexArray
+
+
+@dataclass(slots=True, eq=False)
+class _Followed:
+    """A mode under iteration, with its vectors."""
+
+    s: complex
+    right: ComplexArray
+    left: ComplexArray
+    iterations: int = 0
+    converged: bool = False
+
+
+def quasi_static_modes(unsteady: UnsteadyVehicle) -> Modes:
+    """Modes of the quasi-static system, over the states that the unsteady one has.
+
+    Where Q(0) holds a lateral stiffness that quasi-static theory leaves out, a coordinate that was free is free no
+    more: it starts from Q(0).
+    """
+    base = unsteady.quasi_static
+    if base.ignorable == unsteady.rest.ignorable:
+        return modes(base)
+    K = unsteady.rest.K - unsteady.static()
+    start = replace(base, K=K, ignorable=unsteady.rest.ignorable)
+    return modes(type(base).from_matrices(
+        start.M, start.C, K, dofs=start.dofs, internal=start.internal, A_internal=start.A_internal, G_q=start.G_q,
+        G_v=start.G_v, G_a=start.G_a, F=start.F, ignorable=start.ignorable,
+    ))  # fmt: skip
+
+
+def p_k_modes(
+    unsteady: UnsteadyVehicle, *, start: Modes | None = None, iterations_at_most: int = 40
+) -> tuple[PKMode, ...]:
+    """Every quasi-static mode followed to its frequency-dependent eigenvalue.
+
+    Parameters
+    ----------
+    start : modes to start from; the quasi-static ones when left out
+
+    Raises
+    ------
+    ModelError : the mass matrix is singular
+    """
+    first = quasi_static_modes(unsteady) if start is None else start
+    followed = [_Followed(complex(s), first.states[:, i], first.left[:, i]) for i, s in enumerate(first.s)]
+    for _ in range(iterations_at_most):
+        waiting = [one for one in followed if not one.converged]
+        if not waiting:
+            break
+        Q = unsteady.magnets_at(np.array([_frequency(unsteady, one.s) for one in waiting]))
+        for one, matrix in zip(waiting, Q, strict=True):
+            _advance(one, _frozen_spectrum(unsteady, matrix, _frequency(unsteady, one.s)))
+    found = []
+    n = len(unsteady.rest.dofs)
+    positions = len(unsteady.rest.positions)
+    for one, label, begun in zip(followed, first.labels, first.s, strict=True):
+        velocity = one.right[positions : positions + n]
+        shape = velocity / one.s if one.s != 0.0 else velocity
+        s, error = _corrected(unsteady, one, shape) if one.converged else (one.s, np.inf)
+        found.append(
+            PKMode(
+                label=label, start=complex(begun), classical=one.s, s=s, error=float(error),
+                iterations=one.iterations, converged=one.converged, shape=shape,
+            )
+        )  # fmt: skip
+    return tuple(found)
+
+
+def exact_root(unsteady: UnsteadyVehicle, mode: PKMode) -> complex | None:
+    """The root of det D(s) near a p-k mode, with Q at complex frequencies; None when Newton's method does not settle.
+
+    The derivative of Q is taken once, beside the start: it only sets the speed of convergence.
+    """
+    s = mode.s
+    step = 1e-4 * max(abs(s), unsteady.band[0])
+    try:
+        beside = unsteady.magnets_at(np.array([(s + step) / 1j, (s - step) / 1j]))
+    except (ValueError, np.linalg.LinAlgError):
+        return None
+    slope = (beside[0] - beside[1]) / (2.0 * step)
+
+    def evaluate(at: complex) -> tuple[ComplexArray, ComplexArray]:
+        D, change = rest_stiffness(unsteady.rest, at)
+        return D - unsteady.magnets_at(np.array([at / 1j]))[0], change - slope
+
+    return _newton(evaluate, s, mode.shape, real=s.imag == 0.0)
+
+
+def _frequency(unsteady: UnsteadyVehicle, s: complex) -> float:
+    """Where the coefficients are taken: the mode's frequency, the band's lower end for a mode that does not swing."""
+    return max(s.imag, unsteady.band[0])
+
+
+def _frozen_spectrum(unsteady: UnsteadyVehicle, Q: ComplexArray, w: float) -> Spectrum:
+    rest, k = unsteady.rest, unsteady.static()
+    c, m = Q.imag / w, (k - Q.real) / w**2
+    return system_spectrum(replace(rest, M=rest.M - m, C=rest.C - c, K=rest.K - k))
+
+
+def _advance(one: _Followed, found: Spectrum) -> None:
+    """The eigenvalue of the next step: near in value and alike in shape."""
+    alike = assurance(one.left[:, None], one.right[:, None], (found.left, found.right))[0]
+    size = max(abs(one.s), np.finfo(float).tiny)
+    distance = np.abs(found.s - one.s) / size
+    k = int(np.argmin(distance / (1.0 + distance) + 1.0 - alike))
+    s = complex(found.s[k])
+    one.converged = abs(s - one.s) <= SETTLED * abs(s) + float(found.error_bound[k])
+    one.s, one.right, one.left = s, found.right[:, k], found.left[:, k]
+    one.iterations += 1
+
+
+def _corrected(unsteady: UnsteadyVehicle, one: _Followed, shape: ComplexArray) -> tuple[complex, float]:
+    """The p-k root corrected for its growth rate, and the error that is left."""
+    floor = SETTLED * abs(one.s)
+    if one.s.imag <= 0.0:
+        return one.s, floor + _real_root_error(unsteady, one)
+    w = one.s.imag
+    Q = unsteady.magnets_at(w * np.array([1.0, 1.0 + STEP, 1.0 - STEP]))
+    first = -1j * (Q[1] - Q[2]) / (2.0 * STEP * w)
+    second = -(Q[1] - 2.0 * Q[0] + Q[2]) / (STEP * w) ** 2
+    roots = []
+    for curvature in (0.0 * second, second):
+
+        def evaluate(s: complex, curvature: ComplexArray = curvature) -> tuple[ComplexArray, ComplexArray]:
+            D, change = rest_stiffness(unsteady.rest, s)
+            off = s - 1j * w
+            return D - Q[0] - off * first - 0.5 * off**2 * curvature, change - first - off * curvature
+
+        roots.append(_newton(evaluate, one.s, shape, real=False))
+    if roots[0] is None or roots[1] is None:
+        return one.s, np.inf
+    # The derivative by differences is good to about the relative step.
+    return roots[1], floor + abs(roots[1] - roots[0]) + STEP * abs(roots[0] - one.s)
+
+
+def _real_root_error(unsteady: UnsteadyVehicle, one: _Followed) -> float:
+    """How far a real root moves when the coefficients are taken at w = |s|: what they vary by as far off as s is."""
+    w = max(abs(one.s), unsteady.band[0])
+    other = _Followed(one.s, one.right, one.left)
+    _advance(other, _frozen_spectrum(unsteady, unsteady.magnets_at(np.array([w]))[0], w))
+    return abs(other.s - one.s)
+
+
+def _newton(
+    evaluate: Callable[[complex], tuple[ComplexArray, ComplexArray]], s: complex, shape: ComplexArray, *, real: bool
+) -> complex | None:
+    """Root of D(s) x = 0 by bordered Newton steps; None when it does not settle or strays."""
+    size = float(np.linalg.norm(shape))
+    if not (np.isfinite(size) and size > 0.0):
+        return None
+    x, start, n = shape / size, s, len(shape)
+    for _ in range(NEWTON_STEPS):
+        try:
+            D, slope = evaluate(s)
+            rows = 1.0 / np.maximum(np.max(np.abs(D) + abs(s) * np.abs(slope), axis=1), np.finfo(float).tiny)
+            bordered = np.zeros((n + 1, n + 1), dtype=np.complex128)
+            bordered[:n, :n], bordered[:n, n], bordered[n, :n] = rows[:, None] * D, rows * (slope @ x), x.conj()
+            change = np.linalg.solve(bordered, np.append(-rows * (D @ x), 0.0))
+        except (ValueError, np.linalg.LinAlgError):
+            return None
+        x, s = x + change[:n], s + complex(change[n])
+        x = x / float(np.linalg.norm(x))
+        if real:
+            s = complex(s.real)
+        if not np.isfinite(s) or abs(s - start) > 0.5 * abs(start):
+            return None
+        if abs(change[n]) <= 1e-12 * abs(s):
+            return s
+    return None
+
+
+def fit_error(unsteady: UnsteadyVehicle, found: Modes) -> FloatArray:
+    """First-order bound on what the residual of the rational fits moves each eigenvalue of the augmented system; (m,).
+
+    Parameters
+    ----------
+    found : modes of `unsteady.augmented`
+    """
+    system = unsteady.augmented
+    n, positions = len(system.dofs), len(system.positions)
+    velocity = found.states[positions : positions + n]
+    left = np.linalg.solve(system.M.T, found.left[positions : positions + n])
+    total = np.zeros(len(found.s))
+    for one, fit in zip(unsteady.responses, unsteady.fits, strict=True):
+        # The error of the force is that of H times the velocity.
+        worst = fit.residual * fit.scale
+        total += one.factor * np.sum(np.abs(one.push @ left) * (worst @ np.abs(one.motion @ velocity)), axis=0)
+    return np.asarray(total + found.error_bound)
