@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Annotated, Literal, NoReturn, cast
 
 import typer
 
+from maglev_ctrl.cli_identify import identify
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -66,6 +68,9 @@ def compare(scenario: ScenarioFile, out: OutFolder = None, jobs: Jobs = 2) -> No
     from maglev_ctrl.scenario import load
 
     _study_and_write(load(scenario), out, jobs=jobs, formats=("html", "json"), values=True)
+
+
+app.command()(identify)
 
 
 @app.command()

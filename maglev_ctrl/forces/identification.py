@@ -17,7 +17,7 @@ from maglev_ctrl.forces.complex_stiffness import ComplexStiffness
 
 LEVEL = 0.95
 ALARM = 0.01  # chance of calling constants frequency dependent when they are not
-_NOT_CONSTANT = "constant m, c, k do not describe the data, so no interval holds"
+_NOT_CONSTANT = "frequency dependent: no constant describes the data"
 _ONE_FREQUENCY = "one frequency cannot separate k from -m w^2; measure a second frequency or the static stiffness"
 
 
@@ -66,6 +66,7 @@ class Identification:
     mass_at: FloatArray
     mass_error_at: FloatArray
     mass_from: str
+    least_squares: FloatArray  # (3,) k, m, c of the drawn curve, even where they are no constants of the data
     covariance: FloatArray  # (3, 3) of k, m, c; NaN where unknown
     quantile: float
     static: float
@@ -75,12 +76,13 @@ class Identification:
     @property
     def separated(self) -> bool:
         """Whether k and m are known apart."""
-        return not np.isnan(self.mass.value)
+        return not np.isnan(self.least_squares[0])
 
     def model(self, frequency: ArrayLike) -> tuple[ComplexArray, FloatArray]:
         """The fitted Q (F,) at frequencies (F,) rad/s, and the standard errors (F, 2) of its two parts."""
         w = np.asarray(frequency, dtype=np.float64)
-        q = self.stiffness.value - self.mass.value * w**2 + 1j * w * self.damping.value
+        k, m, c = self.least_squares
+        q = k - m * w**2 + 1j * w * c
         rows = np.stack([np.ones_like(w), -(w**2), np.zeros_like(w)], axis=-1)
         real = np.sqrt(np.maximum(np.einsum("fi,ij,fj->f", rows, self.covariance, rows), 0.0))
         return q, np.stack([real, w * np.sqrt(self.covariance[2, 2])], axis=-1)
@@ -126,7 +128,9 @@ def identify_constants(
     redundant = data.distinct + data.has_static > 2 if separated else data.w.size > 1
     fit = _fit(data, _columns(data, separated), redundant=redundant)
     testable = redundant or (data.covariance is not None and data.w.size > 1)
-    chance, test = _lack_of_fit(data, fit, separated) if testable else (np.nan, "not tested: no redundancy")
+    chance, test = _lack_of_fit(data, fit, separated) if testable else (np.nan, "")
+    if testable and not redundant:
+        test = f"c alone: {test}"
     if chance < ALARM:
         description = Description.FREQUENCY_DEPENDENT
     elif np.isnan(chance) or not (redundant and separated):
@@ -237,7 +241,7 @@ def _lack_of_fit(data: ComplexStiffness, fit: _Fit, separated: bool) -> tuple[fl
         chance, test = min(chances)
         return min(1.0, chance * len(chances)), test  # two looks at the same data: each at half the level
     if extra <= 0 or free < 1:
-        return np.nan, "not tested: errors are not given and too few points are left to see a trend"
+        return np.nan, "errors are not given and too few points are left to see a trend"
     ratio = gained / extra / max(rest / free, 1e-300)
     return float(special.fdtrc(extra, free, ratio)), f"F({extra}, {free}) = {ratio:.3g} for the next powers of w"
 
@@ -262,15 +266,16 @@ def _assembled(
     elif np.isnan(fit.covariance).any():
         reason = "errors are not given and cannot be estimated: as many unknowns as measurements"
     spread = np.full_like(fit.covariance, np.nan) if reason else fit.covariance
-    made = [_estimate(float(x), float(spread[i, i]), quantile, reason) for i, x in enumerate(fit.x)]
-    covariance = np.full((3, 3), np.nan)
+    best = np.where(reason == _NOT_CONSTANT, np.nan, fit.x)  # no number for what is no constant
+    made = [_estimate(float(x), float(spread[i, i]), quantile, reason) for i, x in enumerate(best)]
+    least_squares, covariance = np.full(3, np.nan), np.full((3, 3), np.nan)
     missing = Estimate(np.nan, reason=_ONE_FREQUENCY)
     if separated:
-        (stiffness, mass, damping), covariance = made, spread
+        (stiffness, mass, damping), covariance, least_squares = made, spread, fit.x
         dynamic = Estimate(np.nan, reason="k and m are known apart")
     else:
         (dynamic, damping), stiffness, mass = made, missing, missing
-        covariance[2, 2] = spread[1, 1]
+        covariance[2, 2], least_squares[2] = spread[1, 1], fit.x[1]
     if known:
         error = np.sqrt(np.stack([data.covariance[:, 0, 0], data.covariance[:, 1, 1]], axis=-1))  # type: ignore[index]
     else:
@@ -285,7 +290,8 @@ def _assembled(
         fitted=read_only_any(fitted[0::2] + 1j * fitted[1::2]),
         damping_at=read_only_any(data.q.imag / data.w), damping_error_at=read_only_any(error[:, 1] / data.w),
         mass_at=read_only_any(mass_at), mass_error_at=read_only_any(mass_error), mass_from=mass_from,
-        covariance=read_only_any(covariance), quantile=quantile, static=data.static, static_error=data.static_error,
+        least_squares=read_only_any(least_squares), covariance=read_only_any(covariance),
+        quantile=quantile, static=data.static, static_error=data.static_error,
         notes=tuple(_notes(data, fit, separated, description)),
     )  # fmt: skip
 
@@ -331,23 +337,33 @@ def _notes(data: ComplexStiffness, fit: _Fit, separated: bool, description: Desc
     return notes
 
 
-def damping_words(estimate: Estimate, *, direct: bool) -> str:
-    """What a damping derivative does, in words; `direct` = force and motion along the same coordinate.
+def damping_words(found: Identification, *, direct: bool) -> str:
+    """What the damping derivative does, in words.
+
+    Parameters
+    ----------
+    direct : whether force and motion are along the same coordinate
 
     Examples
     --------
-    >>> damping_words(Estimate(5.0, 1.0, 3.0, 7.0), direct=True)
+    >>> w = np.array([10.0, 20.0, 30.0, 40.0])
+    >>> damping_words(identify_constants(w, -500.0 + 3j * w), direct=True)
     'c > 0: negative damping, the force feeds energy into the motion'
     """
-    if np.isnan(estimate.value):
-        return "c is not known"
     if not direct:
-        return "a coupling: its sign alone says nothing about damping"
-    if np.isnan(estimate.low):
-        sign = "above" if estimate.value > 0.0 else "below"
-        return f"the value is {sign} zero, but without an interval its sign is not certain"
-    if estimate.low > 0.0:
-        return "c > 0: negative damping, the force feeds energy into the motion"
-    if estimate.high < 0.0:
-        return "c < 0: positive damping, the force takes energy out of the motion"
-    return "the interval holds zero: whether it damps is not known"
+        return "a coupling: the sign of c alone says nothing about damping"
+    low, high, name = np.array([found.damping.low]), np.array([found.damping.high]), "c"
+    if found.description is Description.FREQUENCY_DEPENDENT:
+        half = found.quantile * found.damping_error_at
+        low, high, name = found.damping_at - half, found.damping_at + half, "c(w), at every frequency measured,"
+    if np.isnan(low).any():
+        return "no interval for c: whether it damps is not certain"
+    if np.all(low > 0.0):
+        return f"{name} > 0: negative damping, the force feeds energy into the motion"
+    if np.all(high < 0.0):
+        return f"{name} < 0: positive damping, the force takes energy out of the motion"
+    if name == "c":
+        return "the interval of c holds zero: whether it damps is not known"
+    if np.any(low > 0.0):
+        return "c(w) > 0 at some frequencies: negative damping, the force feeds energy into the motion there"
+    return "c(w) is not below zero with certainty at every frequency: whether it damps there is not known"

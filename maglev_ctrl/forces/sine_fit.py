@@ -222,7 +222,8 @@ def _covariance(response: complex, displacement: complex, inverse: FloatArray, s
     phasor = np.diag([1.0, -1.0]) @ inverse @ np.diag([1.0, -1.0])  # sine coefficient = minus imaginary part
     turn = np.hstack([_matrix(-response / displacement), _matrix(1.0 / displacement)])
     joint = np.kron(spread, phasor)
-    return np.asarray(turn @ joint @ turn.T)
+    rounding = (1e-12 * abs(response)) ** 2  # exact data are still no better than their arithmetic
+    return np.asarray(turn @ joint @ turn.T + rounding * np.eye(2))
 
 
 def _matrix(factor: complex) -> FloatArray:
