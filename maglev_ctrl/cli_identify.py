@@ -34,14 +34,12 @@ def identify(
 
         raise ScenarioError(f"{out}: expected a folder for the results, got a file; choose another with --out")
     results = tuple(Result(series, series.identify()) for series in read_oscillations(files))
-    written: tuple[Path, ...] = ()
+    _print(results)
     if out is not None:
         from maglev_ctrl.report.identification import write_identification
 
-        written = write_identification(results, out, files=files)
-    _print(results)
-    for path in written:
-        typer.echo(f"written: {path}")
+        for path in write_identification(results, out, files=files):
+            typer.echo(f"written: {path}")
     if not all(result.identified for result in results):
         raise typer.Exit(1)
 

@@ -5,7 +5,7 @@ Force on the vehicle per unit displacement, at w: Q(w) = k - m w^2 + i w c, fitt
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -18,6 +18,7 @@ from maglev_ctrl.forces.complex_stiffness import ComplexStiffness
 LEVEL = 0.95
 ALARM = 0.01  # chance of calling constants frequency dependent when they are not
 _NOT_CONSTANT = "frequency dependent: no constant describes the data"
+_TRENDLESS = "the misfit shows no clear trend over frequency: the errors may be too small instead, or a point wrong"
 _ONE_FREQUENCY = "one frequency cannot separate k from -m w^2; measure a second frequency or the static stiffness"
 
 
@@ -128,7 +129,7 @@ def identify_constants(
     redundant = data.distinct + data.has_static > 2 if separated else data.w.size > 1
     fit = _fit(data, _columns(data, separated), redundant=redundant)
     testable = redundant or (data.covariance is not None and data.w.size > 1)
-    chance, test = _lack_of_fit(data, fit, separated) if testable else (np.nan, "")
+    chance, test, trend = _lack_of_fit(data, fit, separated) if testable else (np.nan, "", False)
     if testable and not redundant:
         test = f"c alone: {test}"
     if chance < ALARM:
@@ -137,7 +138,10 @@ def identify_constants(
         description = Description.NOT_TESTED
     else:
         description = Description.CONSTANT
-    return _assembled(data, fit, separated, description, chance, test)
+    made = _assembled(data, fit, separated, description, chance, test)
+    if description is Description.FREQUENCY_DEPENDENT and not trend:
+        made = replace(made, notes=(*made.notes, _TRENDLESS))
+    return made
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -220,8 +224,8 @@ def _leverage(a: FloatArray) -> FloatArray:
     return np.asarray(np.sum(q**2, axis=1))
 
 
-def _lack_of_fit(data: ComplexStiffness, fit: _Fit, separated: bool) -> tuple[float, str]:
-    """Chance that constants leave so much unexplained, and the test that said so."""
+def _lack_of_fit(data: ComplexStiffness, fit: _Fit, separated: bool) -> tuple[float, str, bool]:
+    """Chance that constants leave so much unexplained, the test that said so, and whether it is a trend over w."""
     a = fit.whitener @ _columns(data, separated, extended=True)
     kept = np.linalg.norm(a, axis=0) > 0.0
     a = a[:, kept] / np.linalg.norm(a[:, kept], axis=0)
@@ -229,9 +233,12 @@ def _lack_of_fit(data: ComplexStiffness, fit: _Fit, separated: bool) -> tuple[fl
     rank, rows, unknowns = int(np.linalg.matrix_rank(a, tol=1e-9)), b.size, fit.x.size
     extra, free = rank - unknowns, rows - rank
     if fit.squares <= 1e-22 * fit.size:
-        return 1.0, "the residuals are rounding"
+        return 1.0, "the residuals are rounding", False
     misfit = b - a @ np.linalg.lstsq(a, b, rcond=1e-9)[0]
     gained, rest = max(fit.squares - float(misfit @ misfit), 0.0), float(misfit @ misfit)
+    ratio = gained / max(extra, 1) / max(rest / max(free, 1), 1e-300)
+    by_scatter = float(special.fdtrc(extra, free, ratio)) if extra > 0 and free > 0 else np.nan
+    clear = not by_scatter > 0.05  # with nothing to compare with, a trend is not ruled out
     if data.covariance is not None:
         overall = _tail(fit.squares, rows - unknowns, data.degrees)
         chances = [(overall, f"chi-square {fit.squares:.3g} with {rows - unknowns} degrees of freedom")]
@@ -239,11 +246,10 @@ def _lack_of_fit(data: ComplexStiffness, fit: _Fit, separated: bool) -> tuple[fl
             trend = f"the next powers of w take {gained:.3g} off chi-square, {extra} more unknown(s)"
             chances.append((_tail(gained, extra, data.degrees), trend))
         chance, test = min(chances)
-        return min(1.0, chance * len(chances)), test  # two looks at the same data: each at half the level
+        return min(1.0, chance * len(chances)), test, clear  # two looks at the same data: each at half the level
     if extra <= 0 or free < 1:
-        return np.nan, "errors are not given and too few points are left to see a trend"
-    ratio = gained / extra / max(rest / free, 1e-300)
-    return float(special.fdtrc(extra, free, ratio)), f"F({extra}, {free}) = {ratio:.3g} for the next powers of w"
+        return np.nan, "errors are not given and too few points are left to see a trend", False
+    return by_scatter, f"F({extra}, {free}) = {ratio:.3g} for the next powers of w", clear
 
 
 def _tail(squares: float, free: int, degrees: float) -> float:

@@ -165,7 +165,8 @@ def _cell_faults(table: OscillationTable) -> list[Problem]:
         if columns["amplitude"].numbers[row] < 0.0:
             message = "expected an amplitude of zero or more; a force against the displacement has a phase of 180 deg"
             problems.append(table.place(row, "amplitude", message))
-        problems += _phase_faults(table, row)
+        known = {problem.key for problem in problems}  # a wrong unit is wrong in every row: told once
+        problems += [fault for fault in _phase_faults(table, row) if fault.key not in known]
         for name in ("amplitude error", "phase error"):
             if name in columns and columns[name].numbers[row] <= 0.0:
                 problems.append(table.place(row, name, "expected a standard error above zero"))
@@ -334,6 +335,8 @@ def _record(table: OscillationTable, name: str, rows: list[int], problems: list[
     time = columns["time"].numbers[rows]
     place = first_uneven_step(time) if time.size > 2 else None
     if place is not None:
+        backwards = np.flatnonzero(np.diff(time) < 0.0)  # a row out of place leaves a gap before it: name the row
+        place = int(backwards[0]) + 1 if backwards.size else place
         step = float(time[place] - time[place - 1])
         why = "time runs backwards" if step < 0.0 else "the same time again" if step == 0.0 else "a sample is missing"
         if 0.0 < step < float(np.median(np.diff(time))):

@@ -125,6 +125,8 @@ class _Head:
 def _heads(header: list[str], *, shown: str, line: int) -> tuple[Layout, list[_Head]]:
     parts = [(_HEADER.fullmatch(cell), cell) for cell in header]
     names = [" ".join((m[1] if m else cell).replace("_", " ").split()).casefold() for m, cell in parts]
+    if len(header) == 1 and ";" in header[0]:
+        raise ScenarioProblems(shown, [Problem(line, 1, "", "expected commas between the columns, got semicolons")])
     layout = _layout(names)
     known = COLUMNS[layout]
     heads: list[_Head] = []
@@ -143,8 +145,9 @@ def _heads(header: list[str], *, shown: str, line: int) -> tuple[Layout, list[_H
             except ValueError as error:
                 problems.append(Problem(line, place, name, str(error)))
         heads.append(head)
+    meant = {near for name in names if name not in known for near in get_close_matches(name, known, n=1, cutoff=0.6)}
     for name in NEEDED[layout]:
-        if name not in names:
+        if name not in names and name not in meant:  # a misspelt one is told once
             problems.append(Problem(line, 1, name, f'missing column; expected a column "{_example(name, known)}"'))
     if problems:
         raise ScenarioProblems(shown, problems)
