@@ -7,7 +7,7 @@ At a frequency w the magnets' dynamic stiffness is replaced by real matrices k +
 the eigenvalue problem is solved, and w is set to the frequency of the mode that is followed, until it stays. The
 result is exact where the mode neither grows nor decays; elsewhere the coefficients belong to iw and not to s. Because
 Q is analytic its derivative along the axis is its derivative off it, dQ/ds = -i dQ/dw, so the result is corrected
-with a Taylor polynomial of second order about iw, and what the second order changes is its error estimate.
+with a Taylor polynomial about iw, and what the polynomial's last term changes is the error estimate.
 
 H. J. Hassig, J. Aircraft 8 (1971) 885; W. P. Rodden, E. D. Bellinger, J. Aircraft 19 (1982) 796.
 """
@@ -28,14 +28,15 @@ from maglev_ctrl.vehicle.unsteady import UnsteadyVehicle, rest_stiffness
 SETTLED = 1e-10  # of |s|
 NEWTON_STEPS = 25
 STEP = 0.02  # of the frequency, for derivatives along the axis
+REST_DOUBT = 0.1  # of the correction of a real root
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PKMode:
     """One mode by p-k iteration.
 
-    `start` the quasi-static eigenvalue; `classical` the p-k eigenvalue; `s` the same corrected to second order in the
-    growth rate, and `error` 1/s its estimated error (inf when it did not settle); `shape` (n,) of the coordinates.
+    `start` the quasi-static eigenvalue; `classical` the p-k eigenvalue; `s` the same corrected for its growth rate,
+    and `error` 1/s its estimated error (inf when it did not settle); `shape` (n,) of the coordinates.
     """
 
     label: str
@@ -97,7 +98,7 @@ def p_k_modes(
             break
         Q = unsteady.magnets_at(np.array([_frequency(unsteady, one.s) for one in waiting]))
         for one, matrix in zip(waiting, Q, strict=True):
-            _advance(one, _frozen_spectrum(unsteady, matrix, _frequency(unsteady, one.s)))
+            _advance(one, _frozen_spectrum(unsteady, matrix, _frequency(unsteady, one.s)), least=unsteady.band[0])
     found = []
     n = len(unsteady.rest.dofs)
     positions = len(unsteady.rest.positions)
@@ -145,11 +146,10 @@ def _frozen_spectrum(unsteady: UnsteadyVehicle, Q: ComplexArray, w: float) -> Sp
     return system_spectrum(replace(rest, M=rest.M - m, C=rest.C - c, K=rest.K - k))
 
 
-def _advance(one: _Followed, found: Spectrum) -> None:
+def _advance(one: _Followed, found: Spectrum, *, least: float) -> None:
     """The eigenvalue of the next step: near in value and alike in shape."""
     alike = assurance(one.left[:, None], one.right[:, None], (found.left, found.right))[0]
-    size = max(abs(one.s), np.finfo(float).tiny)
-    distance = np.abs(found.s - one.s) / size
+    distance = np.abs(found.s - one.s) / max(abs(one.s), least)
     k = int(np.argmin(distance / (1.0 + distance) + 1.0 - alike))
     s = complex(found.s[k])
     one.converged = abs(s - one.s) <= SETTLED * abs(s) + float(found.error_bound[k])
@@ -158,35 +158,50 @@ def _advance(one: _Followed, found: Spectrum) -> None:
 
 
 def _corrected(unsteady: UnsteadyVehicle, one: _Followed, shape: ComplexArray) -> tuple[complex, float]:
-    """The p-k root corrected for its growth rate, and the error that is left."""
-    floor = SETTLED * abs(one.s)
-    if one.s.imag <= 0.0:
-        return one.s, floor + _real_root_error(unsteady, one)
-    w = one.s.imag
+    """The p-k root corrected for its growth rate, and the error that is left.
+
+    A swinging mode: roots with the Taylor polynomials of first and second order about iw. A real root s: with those
+    of third and fourth order about 0, whose coefficients are what c and m change by between two frequencies.
+    """
+    swings = one.s.imag > 0.0
+    terms, centre = _taylor(unsteady, one.s) if swings else (_taylor_at_rest(unsteady, one.s), 0j)
+    roots = []
+    for last in (len(terms) - 1, len(terms)):
+
+        def evaluate(s: complex, last: int = last) -> tuple[ComplexArray, ComplexArray]:
+            D, change = rest_stiffness(unsteady.rest, s)
+            off = s - centre
+            for power, term in enumerate(terms[:last]):
+                D = D - off**power * term
+                if power:
+                    change = change - power * off ** (power - 1) * term
+            return D, change
+
+        roots.append(_newton(evaluate, one.s, shape, real=not swings))
+    if roots[0] is None or roots[1] is None:
+        return one.s, np.inf
+    # The terms come from differences: good to about the relative step, or to the next term but one.
+    doubt = STEP if swings else REST_DOUBT
+    return roots[1], SETTLED * abs(one.s) + abs(roots[1] - roots[0]) + doubt * abs(roots[0] - one.s)
+
+
+def _taylor(unsteady: UnsteadyVehicle, s: complex) -> tuple[list[ComplexArray], complex]:
+    """Q about iw to second order in s - iw."""
+    w = s.imag
     Q = unsteady.magnets_at(w * np.array([1.0, 1.0 + STEP, 1.0 - STEP]))
     first = -1j * (Q[1] - Q[2]) / (2.0 * STEP * w)
     second = -(Q[1] - 2.0 * Q[0] + Q[2]) / (STEP * w) ** 2
-    roots = []
-    for curvature in (0.0 * second, second):
-
-        def evaluate(s: complex, curvature: ComplexArray = curvature) -> tuple[ComplexArray, ComplexArray]:
-            D, change = rest_stiffness(unsteady.rest, s)
-            off = s - 1j * w
-            return D - Q[0] - off * first - 0.5 * off**2 * curvature, change - first - off * curvature
-
-        roots.append(_newton(evaluate, one.s, shape, real=False))
-    if roots[0] is None or roots[1] is None:
-        return one.s, np.inf
-    # The derivative by differences is good to about the relative step.
-    return roots[1], floor + abs(roots[1] - roots[0]) + STEP * abs(roots[0] - one.s)
+    return [Q[0], first, 0.5 * second], 1j * w
 
 
-def _real_root_error(unsteady: UnsteadyVehicle, one: _Followed) -> float:
-    """How far a real root moves when the coefficients are taken at w = |s|: what they vary by as far off as s is."""
-    w = max(abs(one.s), unsteady.band[0])
-    other = _Followed(one.s, one.right, one.left)
-    _advance(other, _frozen_spectrum(unsteady, unsteady.magnets_at(np.array([w]))[0], w))
-    return abs(other.s - one.s)
+def _taylor_at_rest(unsteady: UnsteadyVehicle, s: complex) -> list[ComplexArray]:
+    """Q about 0 to fourth order: c(w) = h1 - h3 w^2 and m(w) = h2 - h4 w^2 from two frequencies."""
+    w = np.array([unsteady.band[0], max(0.5 * abs(s), 2.0 * unsteady.band[0])])
+    Q, k = unsteady.magnets_at(w), unsteady.static()
+    c, m = Q.imag / w[:, None, None], (k - Q.real) / w[:, None, None] ** 2
+    span = w[1] ** 2 - w[0] ** 2
+    third, fourth = -(c[1] - c[0]) / span, -(m[1] - m[0]) / span
+    return [np.asarray(part + 0j) for part in (k, c[0] + third * w[0] ** 2, m[0] + fourth * w[0] ** 2, third, fourth)]
 
 
 def _newton(

@@ -109,9 +109,10 @@ def fit_rational(
     aside = np.arange(1, len(w) - 1, 2)
     kept = np.setdiff1d(np.arange(len(w)), aside)
     s = np.asarray(1j * w / w[-1], dtype=np.complex128)
-    best, least = _Form(np.zeros(0, dtype=np.complex128), np.zeros((1 + mass, goal.shape[1]))), np.inf
+    best = _Form(np.zeros(0, dtype=np.complex128), np.zeros((1 + mass, goal.shape[1])))
+    least = np.inf if goal.size else 0.0  # nothing that depends on the motion: nothing to fit
     most = min(order_at_most, len(kept) - 2)
-    for order in range(most + 1):
+    for order in range(most + 1) if goal.size else ():
         for start in _starting_poles(order, w[0] / w[-1]):
             form = _fitted(s[kept], goal[kept], start, mass=mass)
             error = float(np.max(np.abs(_evaluated(s[aside], form, mass=mass) - goal[aside]), initial=0.0))
@@ -173,7 +174,8 @@ def _checked(
 def _scales(H: ComplexArray, Q: ComplexArray, K: FloatArray, lowest: float) -> tuple[FloatArray, NDArray[np.bool_]]:
     """What errors of H are relative to, and which entries are more than rounding."""
     largest = np.max(np.abs(H), axis=0)
-    noise = NOISE * np.maximum(np.max(np.abs(Q), axis=0), np.abs(K)) / lowest
+    size = np.maximum(np.max(np.abs(Q), axis=0), np.abs(K))
+    noise = NOISE * np.maximum(size, np.sqrt(np.outer(np.diag(size), np.diag(size)))) / lowest
     active = largest > noise
     own = np.diag(np.where(active, largest, 0.0))
     scale = np.maximum(largest, np.sqrt(own[:, None] * own[None, :]))
