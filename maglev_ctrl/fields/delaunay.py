@@ -21,7 +21,7 @@ IntArray = NDArray[np.intp]
 Spacing = Callable[[FloatArray], FloatArray]
 
 ROUNDS = 400
-POINTS = 60_000
+POINTS = 20_000
 LARGE = 1.6
 """A triangle is too large when its circumradius exceeds this times an equilateral one's of the spacing wanted."""
 NEAR = 0.8
@@ -118,14 +118,11 @@ def refine(cloud: Cloud, spacing: Spacing, *, smallest: float, angle: float = AN
 
     Raises
     ------
-    ValueError : more than 60000 points needed
+    ValueError : more than POINTS points needed
     """
     for _ in range(ROUNDS):
         if len(cloud.points) > POINTS:
-            raise ValueError(
-                f"the cross-section needs more than {POINTS} mesh points: widen its narrowest gap or choose a larger "
-                "finest mesh size"
-            )
+            raise ValueError(f"the cross-section needs more than {POINTS} mesh points: choose larger edge lengths")
         triangles = triangles_of(cloud.points)
         missing = missing_segments(cloud, triangles)
         if missing.any():
@@ -148,30 +145,47 @@ def _wanted(
     h = spacing(shapes.middle)
     large = shapes.circumradius > LARGE * h / np.sqrt(3.0)
     skinny = (shapes.smallest_angle < angle) & ~_excused(cloud, shapes) & (shapes.circumradius > smallest)
-    front = large & (shapes.shortest < 1.5 * h)
-    chosen = front if front.any() else large if large.any() else skinny
+    # A front first; what it cannot mend (points that would fall on the rim) must not hide the rest.
+    for chosen in (large & (shapes.shortest < 1.5 * h), large, skinny):
+        added, blocked = _batch(cloud, shapes, np.flatnonzero(chosen), h, spacing, smallest)
+        if len(added) or blocked.any():
+            return added, blocked
+    return np.empty((0, 2)), np.zeros(len(cloud.segments), dtype=bool)
+
+
+def _batch(
+    cloud: Cloud, shapes: Shapes, index: IntArray, h: FloatArray, spacing: Spacing, smallest: float
+) -> tuple[FloatArray, BoolArray]:
+    """Points for as many of the chosen triangles as keep their distance, worst first, and the segments in the way."""
     none = np.zeros(len(cloud.segments), dtype=bool)
-    index = np.flatnonzero(chosen)
     if not index.size:
         return np.empty((0, 2)), none
     index = index[np.lexsort((index, -(shapes.circumradius / h)[index]))]
-    at = _sites(cloud, shapes, index, h, spacing)
+    at = _sites(cloud, shapes, index, h)
+    apart = NEAR * spacing(at)
+    number, segment = _in_the_way(cloud, at, smallest)
+    blocked = np.isin(np.arange(len(at)), number)
+    centre, radius = cloud.ring
+    outside = np.hypot(*(at - centre).T) > 0.98 * radius
+    keep = _spread(at, apart, ~blocked & ~outside)
+    none[segment[np.isin(number, _spread(at, apart, blocked))]] = True
+    return at[keep], none
+
+
+def _in_the_way(cloud: Cloud, at: FloatArray, smallest: float) -> tuple[IntArray, IntArray]:
+    """Pairs of a point of `at` and a segment too near to it: seen at more than 120 degrees, triangles would be flat."""
     a, b = cloud.points[cloud.segments[:, 0]], cloud.points[cloud.segments[:, 1]]
-    to_a, to_b = a - at[:, None, :], b - at[:, None, :]
-    # Inside the lens from which a segment is seen at more than 120 degrees a point would make flat triangles.
-    lens = np.sum(to_a * to_b, axis=-1) < -0.5 * np.hypot(to_a[..., 0], to_a[..., 1]) * np.hypot(
-        to_b[..., 0], to_b[..., 1]
-    )
-    ring_centre, radius = cloud.ring
-    lens &= (np.hypot(*(b - a).T) > 2.0 * smallest)[None, :]
-    outside = np.hypot(*(at - ring_centre).T) > 0.98 * radius
-    blocked = lens.any(axis=1)
-    keep = _spread(at, NEAR * spacing(at), ~blocked & ~outside)
-    halved = lens[_spread(at, NEAR * spacing(at), blocked)].any(axis=0) if blocked.any() else none
-    return at[keep], halved
+    length = np.hypot(*(b - a).T)
+    near = cKDTree(at).query_ball_point(0.5 * (a + b), 0.5 * length, return_sorted=True)
+    segment = np.repeat(np.arange(len(a)), [len(one) for one in near])
+    number = np.concatenate([np.asarray(one, dtype=np.intp) for one in near])
+    to_a, to_b = a[segment] - at[number], b[segment] - at[number]
+    wide = np.sum(to_a * to_b, axis=-1) < -0.5 * np.hypot(*to_a.T) * np.hypot(*to_b.T)
+    wide &= length[segment] > 2.0 * smallest
+    return number[wide], segment[wide]
 
 
-def _sites(cloud: Cloud, shapes: Shapes, index: IntArray, h: FloatArray, spacing: Spacing) -> FloatArray:
+def _sites(cloud: Cloud, shapes: Shapes, index: IntArray, h: FloatArray) -> FloatArray:
     """Where to add points: at the wanted spacing from the shortest edge, or at the circumcentre if that is nearer."""
     centre, short = shapes.circumcentre[index], shapes.shortest[index]
     corner = shapes.triangles[index]

@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.fields.delaunay import (
+    POINTS,
     VERTEX,
     Cloud,
     IntArray,
     refine,
     shapes_of,
     smooth,
-    triangles_of,
 )
-from maglev_ctrl.fields.polygon import cross, inner_angles, inside
+from maglev_ctrl.fields.polygon import cross, edge_distances, inner_angles, inside, point_distances
 from maglev_ctrl.fields.section import CrossSection
 
 AIR = -1
@@ -116,12 +116,11 @@ def triangulate(
     """
     spacing, ring = _plan(section, finest, in_conductor, growth, air_radius, air_growth)
     cloud = _outlines(section, spacing, ring)
-    smallest = 0.05 * finest
+    smallest = min(0.05 * finest, 0.2 * _narrowest(section, spacing))
     refine(cloud, spacing, smallest=smallest, angle=0.0)
     smooth(cloud, spacing, steps=12)
-    refine(cloud, spacing, smallest=smallest)
-    triangles = triangles_of(cloud.points)
-    return _labelled(section, cloud, triangles)
+    triangles = refine(cloud, spacing, smallest=smallest)
+    return _labelled(section, cloud.points, triangles)
 
 
 def _plan(
@@ -211,6 +210,27 @@ def _divisions(start: FloatArray, end: FloatArray, spacing: Spacing) -> FloatArr
     return np.asarray(np.interp(need[-1] * np.arange(1, pieces) / pieces, need, share))
 
 
+def _narrowest(section: CrossSection, spacing: Spacing) -> float:
+    """Width of the narrowest piece of metal or gap between two edges that do not meet, m; refuse what needs too many."""
+    start = np.concatenate([one.outline for one in section.conductors])
+    end = np.concatenate([np.roll(one.outline, -1, axis=0) for one in section.conductors])
+    ends = (start, end)
+    apart = ~np.any([np.all(p[:, None] == q, axis=-1) for p in ends for q in ends], axis=0)
+    share = (np.arange(64)[:, None] + 0.5) / 64
+    needed = 0.0
+    for i in np.flatnonzero(apart.any(axis=1)):
+        along = start[i] + share * (end[i] - start[i])
+        width = np.min(point_distances(along, start[apart[i]], end[apart[i]]), axis=1)
+        needed += float(np.hypot(*(end[i] - start[i])) * np.mean(1.0 / np.minimum(width, spacing(along))))
+    narrowest = float(np.min(np.where(apart, edge_distances(start, end, start, end), np.inf)))
+    # Points follow the edges at the local width, and about as many again lie between them.
+    if needed > 0.7 * POINTS:
+        raise ValueError(
+            f"the cross-section needs more than {POINTS} mesh points: its narrowest part or gap is {narrowest:g} m wide"
+        )
+    return narrowest
+
+
 def _sharp_corners(
     points: FloatArray, edges: dict[tuple[int, int], int]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -237,13 +257,19 @@ def _corners(section: CrossSection) -> FloatArray:
     )
 
 
-def _labelled(section: CrossSection, cloud: Cloud, triangles: IntArray) -> Triangulation:
-    middle = cloud.points[triangles].mean(axis=1)
+def _labelled(section: CrossSection, points: FloatArray, triangles: IntArray) -> Triangulation:
+    """Triangles with the conductor that each lies in."""
+    middle = points[triangles].mean(axis=1)
     conductor = np.full(len(triangles), AIR, dtype=np.intp)
     for i, one in enumerate(section.conductors):
         conductor[inside(middle, one.outline)] = i
-    points = np.ascontiguousarray(cloud.points.T)
-    numbers = np.ascontiguousarray(triangles.T)
-    for array in (points, numbers, conductor):
+    arrays = np.ascontiguousarray(points.T), np.ascontiguousarray(triangles.T), conductor
+    for array in arrays:
         array.flags.writeable = False
-    return Triangulation(points=points, triangles=numbers, conductor=conductor)
+    mesh = Triangulation(*arrays)
+    areas = mesh.areas()
+    metal = [float(areas[conductor == i].sum()) for i in range(len(section.conductors))]
+    # Qhull promises less than this needs where many points lie on one circle; a broken mesh must not go unseen.
+    if np.any(areas <= 0.0) or not np.allclose(metal, [one.area for one in section.conductors], rtol=1e-9, atol=0.0):
+        raise ValueError("the cross-section could not be meshed: its triangles do not fill the conductors")
+    return mesh
