@@ -83,7 +83,7 @@ def fit_sine(time: ArrayLike, displacement: ArrayLike, force: ArrayLike) -> Sine
     periods = float(frequency * length / (2.0 * np.pi))
     if share < _SINE_SHARE:
         raise ValueError(
-            f"displacement: expected a sine, got a motion of which the best one explains {100.0 * max(share, 0.0):.0f} %"
+            f"displacement: expected a sine, got a motion of which the best explains {100.0 * max(share, 0.0):.0f} %"
         )
     if periods < 0.9 * LEAST_PERIODS:
         raise ValueError(_too_short(periods))

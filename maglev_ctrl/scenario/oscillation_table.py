@@ -195,8 +195,8 @@ def _cells(
             for place, (head, cell, (values, texts)) in enumerate(zip(heads, row, cells, strict=True), start=1):
                 fault = ""
                 if head.kind is None:
-                    texts.append(cell.strip().casefold())
-                    fault = "" if cell.strip() else "expected a name, got nothing"
+                    texts.append(cell.strip(" \t\"'").casefold())
+                    fault = "" if texts[-1] else "expected a name, got nothing"
                 elif not cell.strip() and head.name in MAY_BE_EMPTY:
                     values.append(math.nan)
                 else:
