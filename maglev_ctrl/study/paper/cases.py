@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
+import numpy as np
+
 from maglev_ctrl.forces import CornerImageForce
 from maglev_ctrl.study.paper.records import GuidewayCase, SolvedCase
 
@@ -16,6 +18,11 @@ MAGNET_THICKNESS: Final = 6.35e-3
 CURRENT: Final = 6000.0
 HEIGHT_RANGE: Final = (5e-3, 45e-3)
 GAP_RANGE: Final = (4e-3, 46e-3)
+SPEED_RANGE: Final = (5.0, 100.0)
+METHOD: Final = (
+    "2.5-D finite elements of the eddy currents in the guideway's cross-section, one solve a wavenumber; the magnet is "
+    "a rectangular current loop"
+)
 
 _D: Final = 6.35e-3
 DEFAULT: Final = GuidewayCase(
@@ -74,6 +81,19 @@ def outline(case: GuidewayCase) -> list[tuple[float, float]]:
     """
     d = case.thickness
     return [(-d, -d), (case.floor, -d), (case.floor, 0.0), (0.0, 0.0), (0.0, case.wall), (-d, case.wall)]
+
+
+def eddy_current(case: GuidewayCase) -> SolvedCase:
+    """Forces of a case from the eddy currents in its metal, by finite elements in the cross-section."""
+    from maglev_ctrl.fields.section import Conductor, CrossSection
+    from maglev_ctrl.forces.eddy_current import EddyCurrentForce, RectangularCoil
+
+    section = CrossSection((Conductor("L", np.array(outline(case)), case.conductivity),))
+    coil = RectangularCoil(
+        length=COIL_LENGTH, width=COIL_WIDTH, current=CURRENT, lateral=0.5 * COIL_WIDTH, height=case.loop_height
+    )
+    solved = EddyCurrentForce.solve(section, (coil,), height=HEIGHT_RANGE, gap=GAP_RANGE, speed=SPEED_RANGE)
+    return SolvedCase(case, solved.map(), solved, solved, METHOD)
 
 
 def perfect_conductor(case: GuidewayCase) -> SolvedCase:

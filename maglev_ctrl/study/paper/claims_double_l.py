@@ -212,7 +212,9 @@ def _damping(evidence: Evidence) -> Claim:
     if window:
         middle = 0.5 * (window[0][0] + window[0][1])
         needed = equal_damping_that_ends_flutter(evidence.line(12.7e-3), middle, "P")
-        told = f"the flutter at {1e3 * middle:.1f} mm would end with {100 * needed:.0f} % damping, if equal in roll and sway"
+        told = (
+            f"the flutter at {1e3 * middle:.1f} mm would end with {100 * needed:.0f} % damping, equal in roll and sway"
+        )
     diverges = all(evidence.ranges(key, model, "divergence") for key in ("fig13", "fig14") for model in MODELS)
     if not diverges:
         why = "The forces of this run make no divergence that could be damped."
@@ -223,8 +225,8 @@ def _damping(evidence: Evidence) -> Claim:
         f"divergence at g0 = 25 mm with dampers of {OVERDAMPED:g} times critical: still grows, by "
         f"{min(grows):.2f} to {max(grows):.2f} 1/s",
         judged(stays and evidence.resolved("fig13", "fig14"), ClaimVerdict.CORRECTED),
-        "The caveat matters only to the flutter. A negative determinant of the stiffness leaves a growing root whatever the "
-        "damping: the divergence can be slowed, not removed.",
+        "The caveat matters only to the flutter. A negative determinant of the stiffness leaves a growing root "
+        "whatever the damping: the divergence can be slowed, not removed.",
     )  # fmt: skip
 
 

@@ -151,7 +151,7 @@ def sweep(key: str, line: Line, model: Model, low: float, high: float, *, points
     """
     values = np.linspace(low, high, points)
     mass, K = closed_matrices(line, values, model)
-    squared = _followed(np.linalg.eigvals(K / mass[..., :, None]).astype(np.complex128))
+    squared = _modes(line, K / mass[..., :, None])
     boundaries, intervals, faults = _closed_boundaries(line, model, low, high)
     boundaries, more = _confirmed(line, model, boundaries)
     faults += more + _disagreements(line, model, np.linspace(low, high, CHECKED), boundaries, intervals)
@@ -261,10 +261,24 @@ def _words(flags: tuple[bool, ...]) -> str:
     return " and ".join(word for word, flag in zip(("flutter", "divergence"), flags, strict=True) if flag) or "neither"
 
 
+def _modes(line: Line, A: FloatArray) -> ComplexArray:
+    """Columns heave, roll, sway (the paper's first to third mode), named where the vehicle is centred."""
+    if line.parameter == "height":
+        coupled = _followed(np.linalg.eigvals(A[..., 1:, 1:]).astype(np.complex128))
+        return np.column_stack([A[..., 0, 0], coupled])
+    squared, vectors = np.linalg.eig(A[len(A) // 2])
+    middle = _followed(np.linalg.eigvals(A).astype(np.complex128))
+    heave = int(np.argmax(np.abs(vectors[0]) / np.linalg.norm(vectors, axis=0)))
+    first = int(np.argmin(np.abs(middle[len(A) // 2] - squared[heave])))
+    others = [k for k in range(3) if k != first]
+    others.sort(key=lambda k: -middle[len(A) // 2, k].real)
+    return np.asarray(middle[:, [first, *others]])
+
+
 def _followed(squared: NDArray[np.complex128]) -> ComplexArray:
-    """Columns put in order so that each is one continuous branch; the first point by rising real part."""
+    """Columns put in order so that each is one continuous branch; the first point by falling real part."""
     ordered = np.array(squared, dtype=np.complex128)
-    ordered[0] = ordered[0][np.lexsort((ordered[0].imag, ordered[0].real))]
+    ordered[0] = ordered[0][np.lexsort((ordered[0].imag, -ordered[0].real))]
     for row in range(1, ordered.shape[0]):
         before = ordered[row - 1] if row == 1 else 2.0 * ordered[row - 1] - ordered[row - 2]
         _, columns = linear_sum_assignment(np.abs(before[:, None] - ordered[row][None, :]))
@@ -281,7 +295,7 @@ def root(squared: ComplexArray) -> ComplexArray:
     [(2+0j), 3j]
     """
     values = np.sqrt(np.asarray(squared, dtype=np.complex128))
-    return np.abs(values.real) + 1j * np.abs(values.imag)
+    return np.asarray(np.abs(values.real) + 1j * np.abs(values.imag))
 
 
 def damped_growth(line: Line, value: float, model: Model, ratio: float) -> float:

@@ -102,7 +102,8 @@ class Boundary:
 class EigenSweep:
     """Squared frequencies of the undamped double-L vehicle over a parameter.
 
-    `values` (n,) m; `squared` (n, 3) complex omega^2 in 1/s^2, each column one mode followed by continuity;
+    `values` (n,) m; `squared` (n, 3) complex omega^2 in 1/s^2, each column one mode followed by continuity: the paper's
+    first (heave), second and third;
     `flutter`, `divergence` intervals of the parameter in m; `agreement` of the two ways, with the `reason` when they
     disagree.
     """

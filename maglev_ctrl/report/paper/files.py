@@ -1,0 +1,146 @@
+"""A reproduction written as a folder: page, JSON and the data of every figure as CSV, all or nothing."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import shutil
+import tempfile
+from pathlib import Path
+from typing import Final
+
+from maglev_ctrl.errors import ScenarioError
+from maglev_ctrl.report.paper.page import page
+from maglev_ctrl.report.serialise import plain
+from maglev_ctrl.study.paper.records import DataTable, Reproduction
+
+PAGE: Final = "reproduction.html"
+RECORD: Final = "reproduction.json"
+DATA: Final = "reproduction_data"
+NAMES: Final = (PAGE, RECORD, DATA)
+
+
+def write_reproduction(found: Reproduction, folder: str | os.PathLike[str]) -> tuple[Path, ...]:
+    """Write reproduction.html, reproduction.json and reproduction_data/*.csv into `folder`; returns the three paths.
+
+    Everything is made in a temporary folder beside `folder` and moved there when complete: a failure leaves an earlier
+    reproduction as it was. Other files in `folder` are kept.
+
+    Parameters
+    ----------
+    folder : made when it does not exist
+    """
+    target = Path(folder)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    staging = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
+    try:
+        (staging / PAGE).write_bytes(page(found).encode())
+        (staging / RECORD).write_bytes(to_json(found).encode())
+        (staging / DATA).mkdir()
+        for table in found.tables:
+            (staging / DATA / f"{table.name}.csv").write_bytes(csv_text(table).encode())
+        return _moved(staging, target)
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+
+
+def to_json(found: Reproduction) -> str:
+    """The reproduction as JSON text; the figures' numbers stand in the CSV files beside it.
+
+    Lengths are in m, forces in N, squared frequencies in 1/s^2.
+    """
+    solved = found.solved
+    body = {
+        "format": 1,
+        "kind": "maglev-ctrl reproduction",
+        "version": found.version,
+        "created": found.created,
+        "seconds": found.seconds,
+        "quick": found.quick,
+        "method": solved.method,
+        "case": plain(solved.case),
+        "assumptions": list(found.assumptions),
+        "notes": list(found.notes),
+        "claims": [plain(claim) for claim in found.claims],
+        "extremes": {name: [plain(one) for one in group] for name, group in found.extremes.items()},
+        "sweeps": [
+            {
+                "figure": one.key, "model": one.model, "parameter": one.parameter, "gap": one.gap,
+                "height": one.height, "flutter": plain(one.flutter), "divergence": plain(one.divergence),
+                "boundaries": [plain(boundary) for boundary in one.boundaries], "agreement": one.agreement.value,
+                "reason": one.reason, "data": f"{DATA}/{one.key}_model_{one.model}.csv",
+            }
+            for one in found.sweeps
+        ],
+        "modes": [plain(one) for one in found.modes],
+        "sensitivity": [plain(row) for row in found.sensitivity],
+        "tables": [{"file": f"{DATA}/{one.name}.csv", "columns": list(one.columns)} for one in found.tables],
+    }  # fmt: skip
+    return json.dumps(body, ensure_ascii=False, allow_nan=False, indent=1)
+
+
+def csv_text(table: DataTable) -> str:
+    """One table as CSV: headings with units, then the rows to ten significant digits; an unknown value is empty.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> csv_text(DataTable("t", ("v (m/s)", "F (N)"), np.array([[1.0, np.nan]])))
+    'v (m/s),F (N)\\n1,\\n'
+    """
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(table.columns)
+    writer.writerows([["" if value != value else f"{value:.10g}" for value in row] for row in table.rows])
+    return stream.getvalue()
+
+
+def require_writable(folder: Path) -> None:
+    """Find out before minutes of work whether the folder can be written; nothing is left behind.
+
+    Raises
+    ------
+    ScenarioError : it is a file, or it or the folder it stands in cannot be written
+    """
+    if folder.exists() and not folder.is_dir():
+        raise ScenarioError(f"{folder}: expected a folder, got a file; choose another with --out")
+    for place in {_nearest(folder), _nearest(folder.absolute().parent)}:
+        try:
+            Path(tempfile.mkdtemp(prefix=".maglev-ctrl-", dir=place)).rmdir()
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise ScenarioError(
+                f"{folder}: cannot be written ({place}: {reason}); choose another folder with --out"
+            ) from None
+
+
+def _nearest(path: Path) -> Path:
+    return next(one for one in (path.absolute(), *path.absolute().parents) if one.exists())
+
+
+def _moved(staging: Path, target: Path) -> tuple[Path, ...]:
+    """Exchange the whole reproduction; on any failure what was there before is put back."""
+    staging.chmod(0o755)
+    if not target.exists():
+        staging.rename(target)
+        return tuple(target / name for name in NAMES)
+    old = Path(tempfile.mkdtemp(prefix=f".{target.name}-old-", dir=target.parent))
+    moved: list[str] = []
+    try:
+        for name in NAMES:
+            if (target / name).exists():
+                (target / name).rename(old / name)
+            (staging / name).rename(target / name)
+            moved.append(name)
+    except BaseException:  # an interrupt too
+        for name in NAMES:
+            if name in moved:
+                (target / name).rename(staging / f"undone-{name}")
+            if (old / name).exists():
+                (old / name).rename(target / name)
+        raise
+    finally:
+        shutil.rmtree(old, ignore_errors=True)
+    return tuple(target / name for name in NAMES)
