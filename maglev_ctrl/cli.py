@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, NoReturn, cast
 import typer
 
 from maglev_ctrl.cli_identify import identify
+from maglev_ctrl.cli_reproduce import reproduce
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -71,6 +72,7 @@ def compare(scenario: ScenarioFile, out: OutFolder = None, jobs: Jobs = 2) -> No
 
 
 app.command()(identify)
+app.command()(reproduce)
 
 
 @app.command()
