@@ -20,7 +20,7 @@ from maglev_ctrl.fields.polygon import BoolArray, cross
 IntArray = NDArray[np.intp]
 Spacing = Callable[[FloatArray], FloatArray]
 
-ROUNDS = 400
+ROUNDS = 200
 POINTS = 20_000
 LARGE = 1.6
 """A triangle is too large when its circumradius exceeds this times an equilateral one's of the spacing wanted."""
@@ -162,7 +162,8 @@ def _batch(
         return np.empty((0, 2)), none
     index = index[np.lexsort((index, -(shapes.circumradius / h)[index]))]
     at = _sites(cloud, shapes, index, h)
-    apart = NEAR * spacing(at)
+    # In narrow parts the points already there are nearer than the spacing wanted, and so may the new ones be.
+    apart = np.minimum(NEAR * spacing(at), cKDTree(cloud.points).query(at)[0])
     number, segment = _in_the_way(cloud, at, smallest)
     blocked = np.isin(np.arange(len(at)), number)
     centre, radius = cloud.ring

@@ -211,7 +211,7 @@ def _divisions(start: FloatArray, end: FloatArray, spacing: Spacing) -> FloatArr
 
 
 def _narrowest(section: CrossSection, spacing: Spacing) -> float:
-    """Width of the narrowest piece of metal or gap between two edges that do not meet, m; refuse what needs too many."""
+    """Width of the narrowest metal or gap between edges that do not meet, m; refuse what needs too many points."""
     start = np.concatenate([one.outline for one in section.conductors])
     end = np.concatenate([np.roll(one.outline, -1, axis=0) for one in section.conductors])
     ends = (start, end)

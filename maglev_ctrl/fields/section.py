@@ -321,6 +321,7 @@ def _require_simple(outline: FloatArray, label: str) -> None:
     if np.linalg.svd(outline - outline.mean(axis=0), compute_uv=False)[-1] <= tolerance * np.sqrt(count):
         raise ValueError(f"{label}: the outline has no thickness; all its vertices lie on one line")
     start, end = outline, np.roll(outline, -1, axis=0)
+    # An edge that folds back onto its neighbour also touches an edge that is not its neighbour.
     meets = edge_distances(start, end, start, end) <= tolerance
     order = np.arange(count)
     apart = (order[:, None] - order) % count
@@ -328,14 +329,6 @@ def _require_simple(outline: FloatArray, label: str) -> None:
     if crossing.any():
         i, j = np.nonzero(crossing)
         raise ValueError(f"{label}: edges {i[0] + 1} and {j[0] + 1} of the outline cross or touch")
-    along = end - start
-    ahead = np.roll(along, -1, axis=0)
-    back = (np.abs(cross(along, ahead)) <= COINCIDENT * np.hypot(*along.T) * np.hypot(*ahead.T)) & (
-        np.sum(along * ahead, axis=-1) < 0.0
-    )
-    if back.any():
-        k = int(np.argmax(back))
-        raise ValueError(f"{label}: edge {(k + 1) % count + 1} of the outline folds back onto edge {k + 1}")
 
 
 def _with_common_vertices(conductors: tuple[Conductor, ...], tolerance: float) -> tuple[Conductor, ...]:
