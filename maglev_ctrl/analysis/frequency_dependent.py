@@ -20,7 +20,6 @@ from maglev_ctrl.errors import Agreement
 from maglev_ctrl.vehicle.unsteady import UnsteadyVehicle
 
 WELL_DAMPED = 0.5  # damping ratio from which a mode above the band can wait for another band
-SAFETY = 2.0  # on the rational fit's error, for what lies between its samples and off the axis
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -109,15 +108,16 @@ def compare_unsteady(
     base = quasi_static_modes(unsteady)
     followed = p_k_modes(unsteady, start=base)
     augmented = modes(unsteady.augmented)
-    bounds = SAFETY * fit_error(unsteady, augmented)
+    bounds = fit_error(unsteady, augmented)
     partner = _partners(followed, augmented)
     judged = []
     for i, one in enumerate(followed):
-        exact = exact_root(unsteady, one) if complex_frequency and one.converged else None
+        k = partner[i]
+        rational = complex(augmented.s[k]) if k >= 0 else complex(np.nan, np.nan)
+        exact = _exact(unsteady, one, rational) if complex_frequency and one.converged else None
         judged.append(
             _judged(
-                one, exact, rational=complex(augmented.s[partner[i]]) if partner[i] >= 0 else complex(np.nan, np.nan),
-                rational_error=float(bounds[partner[i]]) if partner[i] >= 0 else np.inf,
+                one, exact, rational=rational, rational_error=float(bounds[k]) if k >= 0 else np.inf,
                 start_error=float(base.error_bound[i]), asked=complex_frequency, band=unsteady.band,
                 agreement=agreement, share=share,
             )
@@ -145,6 +145,14 @@ def _partners(followed: tuple[PKMode, ...], augmented: Modes) -> list[int]:
     found = [-1] * len(followed)
     for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
         found[row] = column
+    return found
+
+
+def _exact(unsteady: UnsteadyVehicle, one: PKMode, rational: complex) -> complex | None:
+    """The exact root beside the p-k one, or beside the rational fit's where p-k led astray."""
+    found = exact_root(unsteady, one.shape, one.s)
+    if found is None and np.isfinite(rational):
+        found = exact_root(unsteady, one.shape, rational)
     return found
 
 

@@ -26,9 +26,13 @@ from maglev_ctrl.arrays import ComplexArray, FloatArray
 from maglev_ctrl.vehicle.unsteady import UnsteadyVehicle, rest_stiffness
 
 SETTLED = 1e-10  # of |s|
-NEWTON_STEPS = 25
+NEWTON_STEPS = 12
 STEP = 0.02  # of the frequency, for derivatives along the axis
 REST_DOUBT = 0.1  # of the correction of a real root
+ALIKE = 1e-9  # of |s|: corrections below this are rounding
+DIVERGING = 0.5  # ratio of two corrections from which the Taylor series is not trusted
+RENEWALS = 3
+BETWEEN, OFF_AXIS = 2.0, 18.0  # widening of a fit's residual: between its samples, and far from the axis
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -115,24 +119,36 @@ def p_k_modes(
     return tuple(found)
 
 
-def exact_root(unsteady: UnsteadyVehicle, mode: PKMode) -> complex | None:
-    """The root of det D(s) near a p-k mode, with Q at complex frequencies; None when Newton's method does not settle.
+def exact_root(unsteady: UnsteadyVehicle, shape: ComplexArray, start: complex) -> complex | None:
+    """The root of det D(s) near a start, with Q at complex frequencies; None when Newton's method does not settle.
 
-    The derivative of Q is taken once, beside the start: it only sets the speed of convergence.
+    The derivative of Q is taken beside the start, and again only where that does not settle: it sets the speed of
+    convergence and not the result.
+
+    Parameters
+    ----------
+    shape : (n,) complex displacement of the mode, roughly
+    start : 1/s; a real start stays real
     """
-    s = mode.s
-    step = 1e-4 * max(abs(s), unsteady.band[0])
-    try:
-        beside = unsteady.magnets_at(np.array([(s + step) / 1j, (s - step) / 1j]))
-    except (ValueError, np.linalg.LinAlgError):
-        return None
-    slope = (beside[0] - beside[1]) / (2.0 * step)
+    s: complex | None = start
+    for _ in range(RENEWALS):
+        if s is None:
+            break
+        step = 1e-4 * max(abs(s), unsteady.band[0])
+        try:
+            beside = unsteady.magnets_at(np.array([(s + step) / 1j, (s - step) / 1j]))
+        except (ValueError, np.linalg.LinAlgError):
+            return None
+        slope = (beside[0] - beside[1]) / (2.0 * step)
 
-    def evaluate(at: complex) -> tuple[ComplexArray, ComplexArray]:
-        D, change = rest_stiffness(unsteady.rest, at)
-        return D - unsteady.magnets_at(np.array([at / 1j]))[0], change - slope
+        def evaluate(at: complex, slope: ComplexArray = slope) -> tuple[ComplexArray, ComplexArray]:
+            D, change = rest_stiffness(unsteady.rest, at)
+            return D - unsteady.magnets_at(np.array([at / 1j]))[0], change - slope
 
-    return _newton(evaluate, s, mode.shape, real=s.imag == 0.0)
+        s, settled = _newton(evaluate, s, shape, real=start.imag == 0.0)
+        if settled:
+            return s
+    return None
 
 
 def _frequency(unsteady: UnsteadyVehicle, s: complex) -> float:
@@ -177,12 +193,18 @@ def _corrected(unsteady: UnsteadyVehicle, one: _Followed, shape: ComplexArray) -
                     change = change - power * off ** (power - 1) * term
             return D, change
 
-        roots.append(_newton(evaluate, one.s, shape, real=not swings))
-    if roots[0] is None or roots[1] is None:
-        return one.s, np.inf
+        root, settled = _newton(evaluate, one.s, shape, real=not swings)
+        if root is None or not settled:
+            return one.s, np.inf
+        roots.append(root)
+    last_root = roots[1]
+    first, second = abs(roots[0] - one.s), abs(roots[1] - roots[0])
+    ratio = second / first if first > ALIKE * abs(one.s) else 0.0
+    if ratio >= DIVERGING:
+        return last_root, np.inf
     # The terms come from differences: good to about the relative step, or to the next term but one.
     doubt = STEP if swings else REST_DOUBT
-    return roots[1], SETTLED * abs(one.s) + abs(roots[1] - roots[0]) + doubt * abs(roots[0] - one.s)
+    return last_root, SETTLED * abs(one.s) + second / (1.0 - ratio) + doubt * first
 
 
 def _taylor(unsteady: UnsteadyVehicle, s: complex) -> tuple[list[ComplexArray], complex]:
@@ -206,11 +228,11 @@ def _taylor_at_rest(unsteady: UnsteadyVehicle, s: complex) -> list[ComplexArray]
 
 def _newton(
     evaluate: Callable[[complex], tuple[ComplexArray, ComplexArray]], s: complex, shape: ComplexArray, *, real: bool
-) -> complex | None:
-    """Root of D(s) x = 0 by bordered Newton steps; None when it does not settle or strays."""
+) -> tuple[complex | None, bool]:
+    """Root of D(s) x = 0 by bordered Newton steps, and whether it settled; None when it strays."""
     size = float(np.linalg.norm(shape))
     if not (np.isfinite(size) and size > 0.0):
-        return None
+        return None, False
     x, start, n = shape / size, s, len(shape)
     for _ in range(NEWTON_STEPS):
         try:
@@ -220,20 +242,23 @@ def _newton(
             bordered[:n, :n], bordered[:n, n], bordered[n, :n] = rows[:, None] * D, rows * (slope @ x), x.conj()
             change = np.linalg.solve(bordered, np.append(-rows * (D @ x), 0.0))
         except (ValueError, np.linalg.LinAlgError):
-            return None
+            return None, False
         x, s = x + change[:n], s + complex(change[n])
         x = x / float(np.linalg.norm(x))
         if real:
             s = complex(s.real)
         if not np.isfinite(s) or abs(s - start) > 0.5 * abs(start):
-            return None
+            return None, False
         if abs(change[n]) <= 1e-12 * abs(s):
-            return s
-    return None
+            return s, True
+    return s, False
 
 
 def fit_error(unsteady: UnsteadyVehicle, found: Modes) -> FloatArray:
-    """First-order bound on what the residual of the rational fits moves each eigenvalue of the augmented system; (m,).
+    """First-order estimate of what the fits' residual moves each eigenvalue of the augmented system; (m,).
+
+    Off the imaginary axis, where nothing was fitted, a rational form is worse: the residual is widened with the
+    distance from the axis, up to twenty times for a real root.
 
     Parameters
     ----------
@@ -248,4 +273,5 @@ def fit_error(unsteady: UnsteadyVehicle, found: Modes) -> FloatArray:
         # The error of the force is that of H times the velocity.
         worst = fit.residual * fit.scale
         total += one.factor * np.sum(np.abs(one.push @ left) * (worst @ np.abs(one.motion @ velocity)), axis=0)
-    return np.asarray(total + found.error_bound)
+    away = np.abs(found.s.real) / np.maximum(np.abs(found.s), np.finfo(float).tiny)
+    return np.asarray(total * (BETWEEN + OFF_AXIS * away) + found.error_bound)

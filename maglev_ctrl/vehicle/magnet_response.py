@@ -124,7 +124,10 @@ def _models(
 
 
 def static_mismatch(vehicle: Vehicle, field: MagnetField, responses: tuple[MagnetResponse, ...]) -> float:
-    """Largest |S - Q(0)| in height and gap relative to the largest |S|; lateral parts only where there is a wall."""
+    """Largest |S - Q(0)| in height and gap relative to the largest |S|.
+
+    Compared are the directions in which the magnet moves and pushes its vehicle; lateral ones only beside a wall.
+    """
     index = {magnet.name: i for i, magnet in enumerate(vehicle.magnets)}
     worst = 0.0
     for one in responses:
@@ -132,10 +135,11 @@ def static_mismatch(vehicle: Vehicle, field: MagnetField, responses: tuple[Magne
         away = -1.0 if vehicle.magnets[i].side == 1 else 1.0
         turn = np.array([1.0, away, 1.0])
         share = field.by_position[i] * turn[:, None] * turn
-        compared = np.ones((3, 3), dtype=bool)
+        compared = np.outer((one.push[:3] != 0.0).any(axis=1), (one.motion[:3] != 0.0).any(axis=1))
         if vehicle.magnets[i].side == 0:
             compared[1], compared[:, 1] = False, False
-        difference = np.abs(one.factor * one.static[:3, :3] - share)[compared]
-        largest = float(np.max(np.abs(share[compared])))
-        worst = max(worst, float(np.max(difference)) / largest if largest > 0.0 else np.inf)
+        difference = float(np.max(np.abs(one.factor * one.static[:3, :3] - share)[compared], initial=0.0))
+        largest = float(np.max(np.abs(share[compared]), initial=0.0))
+        if difference > 0.0:
+            worst = max(worst, difference / largest if largest > 0.0 else np.inf)
     return worst

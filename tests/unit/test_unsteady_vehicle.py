@@ -14,7 +14,14 @@ from maglev_ctrl.analysis.frequency_dependent import compare_unsteady
 from maglev_ctrl.analysis.modes import StabilityVerdict, modes
 from maglev_ctrl.analysis.p_k import exact_root, p_k_modes
 from maglev_ctrl.errors import Agreement, ModelError
-from maglev_ctrl.forces import AbstractForceModel, Domain, MagnetDerivatives, MagnetForces
+from maglev_ctrl.forces import (
+    AbstractForceModel,
+    Domain,
+    ImageForce,
+    MagnetDerivatives,
+    MagnetForces,
+    characteristic_speed,
+)
 from maglev_ctrl.systems import Controller, close_loop
 from maglev_ctrl.vehicle import Actuator, Body, Magnet, OperatingPoint, SpringDamper, Vehicle, linearize
 from maglev_ctrl.vehicle.models import double_l, heave_surge
@@ -114,7 +121,7 @@ def test_roots_of_one_freedom_are_those_of_the_cubic(c: float) -> None:
     assert abs(mode.s - swinging) <= mode.error
     # The correction is worth having: the classical result is first order in the growth rate, this one third.
     assert abs(mode.s - swinging) < 0.2 * abs(mode.classical - swinging)
-    assert abs(exact_root(found, mode) - swinging) <= 1e-10 * abs(swinging)
+    assert abs(exact_root(found, mode.shape, mode.s) - swinging) <= 1e-10 * abs(swinging)
     np.testing.assert_allclose(matched(modes(found.augmented).s, [swinging]), swinging, rtol=1e-8)
     expected = StabilityVerdict.STABLE if c > 0.0 else StabilityVerdict.UNSTABLE
     assert compare_unsteady(found, complex_frequency=True).verdict is expected
@@ -146,7 +153,7 @@ def test_real_roots_carry_an_honest_error() -> None:
     found = unsteady_vehicle(cart(LaggedForce(S=S, lags=((tau, damping(c)),))), AT, band=BAND, tolerance=1e-6)
     mode = next(one for one in p_k_modes(found) if one.s.real > 0.0)
     assert abs(mode.s - growing) <= mode.error
-    assert exact_root(found, mode) == pytest.approx(growing, rel=1e-10)
+    assert exact_root(found, mode.shape, mode.s) == pytest.approx(growing, rel=1e-10)
     assert compare_unsteady(found, complex_frequency=True).verdict is StabilityVerdict.UNSTABLE
 
 
@@ -415,3 +422,49 @@ def test_the_double_l_vehicle_runs_through() -> None:
     compared = compare_unsteady(found, complex_frequency=True)
     assert all(one.agreement is Agreement.AGREED for one in compared.modes)
     assert compared.static_mismatch < 1e-12
+
+
+def test_a_lateral_stiffness_that_was_left_out_makes_a_free_coordinate_matter() -> None:
+    """A magnet over a plate without a wall: quasi-static theory knows no lateral force, Q does."""
+    force = LaggedForce(S=np.diag([0.0, -2e3, -4e4, 0.0]), lags=((0.01, np.diag([-5.0, -20.0, -30.0, 0.0])),))
+    body = Body("car", 1000.0 / G, dofs=("surge", "sway", "heave"))
+    vehicle = Vehicle("plate", (body,), magnets=(Magnet("magnet", "car", force=force),), reference_height=0.1)
+    found = unsteady_vehicle(vehicle, AT, band=BAND, tolerance=1e-6)
+    assert found.quasi_static.ignorable == ("car.surge", "car.sway")
+    assert found.augmented.ignorable == ("car.surge",)
+    compared = compare_unsteady(found, complex_frequency=True)
+    sway = next(one for one in compared.modes if one.label == "car sway")
+    assert sway.s.imag == pytest.approx(np.sqrt(2e3 / (1000.0 / G)), rel=1e-2)
+    assert sway.agreement is Agreement.AGREED
+
+
+class LineCurrent:
+    """A line current across the track that heaves over a thin sheet: the 2-D limit, in closed form."""
+
+    def __init__(self, current: float, length: float, w: float) -> None:
+        self.current, self.length, self.w = current, length, w
+
+    def motion_stiffness(self, height, gap, speed, frequency):
+        node, weight = np.polynomial.laguerre.laggauss(60)
+        k, s = node / (2.0 * height), 1j * np.asarray(frequency)[:, None]
+
+        def reflected(rate):
+            return -sum(r / (k * self.w + r) for r in (rate + 1j * k * speed, rate - 1j * k * speed)) / 2.0
+
+        Q = np.zeros((len(s), 4, 4), dtype=complex)
+        factor = 2e-7 * self.current**2 * self.length / (2.0 * height)
+        Q[:, 2, 2] = factor * np.sum(weight * k * (reflected(0.0) + reflected(s)), axis=1)
+        return Q
+
+
+@pytest.mark.parametrize("ratio", [0.5, 1.0, 3.0])
+def test_slow_heave_of_a_line_current_is_the_receding_image(ratio: float) -> None:
+    """Q(0) is the image force's stiffness, Im Q/w its receding-image damping, which changes sign at v = w."""
+    image = ImageForce(1e5, 1.0, 2.5e7, 0.02, 1.0, vertical_velocity="receding_image")
+    w = characteristic_speed(2.5e7, 0.02)
+    slow = 1e-6
+    Q = LineCurrent(1e5, 1.0, w).motion_stiffness(0.1, None, ratio * w, np.array([0.0, slow]))[:, 2, 2]
+    by = image.derivatives(0.1, None, ratio * w)
+    assert Q[0].real == pytest.approx(float(by.by_height.lift), rel=1e-9)
+    scale = abs(float(by.by_height.lift)) * 0.1 / w
+    assert Q[1].imag / slow == pytest.approx(float(by.by_vertical_velocity.lift), abs=1e-5 * scale)
