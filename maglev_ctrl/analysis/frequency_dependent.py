@@ -17,9 +17,7 @@ from maglev_ctrl.analysis.modes import Modes, StabilityVerdict, modes
 from maglev_ctrl.analysis.p_k import PKMode, exact_root, fit_error, p_k_modes, quasi_static_modes
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.errors import Agreement
-from maglev_ctrl.vehicle.unsteady import UnsteadyVehicle
-
-WELL_DAMPED = 0.5  # damping ratio from which a mode above the band can wait for another band
+from maglev_ctrl.vehicle.unsteady import WELL_DAMPED, UnsteadyVehicle
 
 
 @dataclass(frozen=True, eq=False, slots=True)

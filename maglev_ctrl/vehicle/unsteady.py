@@ -29,6 +29,9 @@ from maglev_ctrl.vehicle.statics import equilibrium
 from maglev_ctrl.vehicle.vehicle import Vehicle
 
 SAMPLES = 41
+LOWEST, HIGHEST = 0.1, 2.0  # ends of a band that is not given, relative to the slowest and fastest mode
+WELL_DAMPED = 0.5
+"""Damping ratio from which a mode above the band does not count."""
 STATIC_AGREEMENT = 0.02
 """Largest difference of Q(0) from the quasi-static stiffness that still counts as the same magnet (maps, meshes)."""
 
@@ -84,7 +87,7 @@ def unsteady_vehicle(
     vehicle: Vehicle,
     at: Equilibrium | OperatingPoint,
     *,
-    band: tuple[float, float],
+    band: tuple[float, float] | None = None,
     tolerance: float = 1e-3,
     samples: int = SAMPLES,
     dynamic: DynamicForceModel | Mapping[str, DynamicForceModel] | None = None,
@@ -97,7 +100,8 @@ def unsteady_vehicle(
 
     Parameters
     ----------
-    band : frequencies over which Q is fitted, rad/s; it should hold every mode of interest
+    band : frequencies over which Q is fitted, rad/s; it should hold every mode of interest. Left out, it is found from
+        the quasi-static modes (`frequency_band`)
     tolerance, samples : of the rational fit, and frequencies it samples, every second one of them held back
     dynamic : dynamic stiffness of all magnets, or by magnet; what the magnets' own force models offer when left out
     tilt : whether Q's roll row and column act on the body's roll; otherwise magnets are points. A static torque of a
@@ -113,7 +117,7 @@ def unsteady_vehicle(
         enough
     OutOfDomain : outside a force model's data
     """
-    if not (np.isfinite(band[1]) and 0.0 < band[0] < band[1]):
+    if band is not None and not (np.isfinite(band[1]) and 0.0 < band[0] < band[1]):
         raise ValueError(f"band: expected 0 < lowest < highest frequency in rad/s, got {band}")
     state = at if isinstance(at, Equilibrium) else equilibrium(vehicle, at)
     base = system if system is not None else linearize(vehicle, state, pade_order=pade_order)
@@ -126,6 +130,7 @@ def unsteady_vehicle(
             f"dynamic stiffness: Q(0) differs from the magnets' quasi-static stiffness by {mismatch:.3g} of its "
             f"largest entry (at most {static_agreement:.3g}): not the same magnet, or another sign convention"
         )
+    band = frequency_band(base) if band is None else band
     fits = _fits(responses, band=band, tolerance=tolerance, samples=samples)
     rest = _without_magnets(base, responses)
     augmented = with_rational_magnets(base, responses, fits)
@@ -138,6 +143,25 @@ def unsteady_vehicle(
         band=(float(band[0]), float(band[1])),
         static_mismatch=mismatch,
     )
+
+
+def frequency_band(system: SecondOrderSystem) -> tuple[float, float]:
+    """From a tenth of the slowest swinging mode to twice the fastest one that is not well damped, rad/s.
+
+    Raises
+    ------
+    ValueError : no mode swings, so that a band must be given
+
+    Examples
+    --------
+    >>> frequency_band(SecondOrderSystem.from_matrices([[1.0]], [[0.0]], [[25.0]]))
+    (0.5, 10.0)
+    """
+    s = np.linalg.eigvals(system.state_matrix())
+    swinging = s[(s.imag > 0.0) & (np.abs(s.real) < WELL_DAMPED * np.abs(s))]
+    if not len(swinging):
+        raise ValueError("band: no mode swings; give the band of frequencies in rad/s")
+    return float(LOWEST * np.min(np.abs(swinging))), float(HIGHEST * np.max(np.abs(swinging)))
 
 
 def rest_stiffness(system: SecondOrderSystem, s: complex) -> tuple[ComplexArray, ComplexArray]:

@@ -468,3 +468,20 @@ def test_slow_heave_of_a_line_current_is_the_receding_image(ratio: float) -> Non
     assert Q[0].real == pytest.approx(float(by.by_height.lift), rel=1e-9)
     scale = abs(float(by.by_height.lift)) * 0.1 / w
     assert Q[1].imag / slow == pytest.approx(float(by.by_vertical_velocity.lift), abs=1e-5 * scale)
+
+
+def test_drag_follows_the_velocity_only_for_a_coil_without_a_direction() -> None:
+    """D/v as lateral damping: nearly right for a square coil, a factor of two wrong for one twice as long as wide."""
+    for a, c, low, high in ((25.4e-3, 25.4e-3, 0.97, 1.03), (25.4e-3, 12.7e-3, 2.0, 2.6), (12.7e-3, 25.4e-3, 0.3, 0.5)):
+        loop, h, v, w = SheetLoop(a=a, c=c), 15.9e-3, 36.1, 0.5
+        lateral = -loop.motion_stiffness(h, None, v, [w])[0, 1, 1].imag / w
+        assert low < lateral / (loop.steady(h, v)[1] / v) < high
+
+
+def test_a_band_is_found_from_the_quasi_static_modes() -> None:
+    found = unsteady_vehicle(cart(LaggedForce(lags=((0.02, damping(30.0)),))), AT)
+    assert found.band == pytest.approx((0.1 * np.sqrt(4e4 * G / 1000.0), 2.0 * np.sqrt(4e4 * G / 1000.0)))
+    assert compare_unsteady(found).verdict is StabilityVerdict.STABLE
+    falling = cart(LaggedForce(S=np.diag([0.0, 0.0, 4e3, 0.0])))
+    with pytest.raises(ValueError, match="no mode swings"):
+        unsteady_vehicle(falling, AT)
