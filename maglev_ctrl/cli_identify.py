@@ -26,14 +26,18 @@ def identify(
     Data are amplitude and phase over frequency, or displacement and force over time; several files are put together.
     Exit status 1 where some m, c or k cannot be told.
     """
+    from maglev_ctrl.errors import ScenarioError
     from maglev_ctrl.report.identification_values import Result
     from maglev_ctrl.scenario.oscillation import read_oscillations
 
     if out is not None and out.exists() and not out.is_dir():
-        from maglev_ctrl.errors import ScenarioError
-
         raise ScenarioError(f"{out}: expected a folder for the results, got a file; choose another with --out")
-    results = tuple(Result(series, series.identify()) for series in read_oscillations(files))
+    results = []
+    for series in read_oscillations(files):
+        try:
+            results.append(Result(series, series.identify()))
+        except ValueError as error:
+            raise ScenarioError(f"{files[0]}: {series.force} by {series.motion}: {error}") from None
     _print(results)
     if out is not None:
         from maglev_ctrl.report.identification import write_identification

@@ -51,7 +51,8 @@ def response_from_polar(
     if np.any(along <= 0.0) or np.any(across <= 0.0):
         raise ValueError("amplitude_error, phase_error: expected errors above zero, and no amplitude of zero with them")
     turn = np.stack([np.stack([np.cos(psi), -np.sin(psi)], -1), np.stack([np.sin(psi), np.cos(psi)], -1)], axis=-2)
-    size = np.stack([along, across], axis=-1) ** 2
+    # one error a million times the other would be lost to rounding, and with it the covariance's inverse
+    size = np.maximum(np.stack([along, across], axis=-1), 1e-6 * np.maximum(along, across)[:, None]) ** 2
     return q, np.einsum("nij,nj,nkj->nik", turn, size, turn)
 
 

@@ -142,6 +142,8 @@ def _checked(time: ArrayLike, displacement: ArrayLike, force: ArrayLike) -> tupl
         raise ValueError(f"time: expected even, increasing steps, got {t[place]:.9g} s after {t[place - 1]:.9g} s")
     if np.ptp(u) == 0.0:
         raise ValueError("displacement: expected an oscillation, got one value throughout")
+    if np.ptp(f) == 0.0:
+        raise ValueError("force: expected an oscillation, got one value throughout")
     return t, u, f
 
 
@@ -200,7 +202,7 @@ def _polished(t: FloatArray, u: FloatArray, w: float) -> float:
         w += step
         if abs(step) < 1e-14 * w:
             break
-    return w
+    return abs(w)
 
 
 def _multiples(w: float, step: float, samples: int) -> int:

@@ -17,6 +17,7 @@ from maglev_ctrl.scenario.units import Dimensions, Unit, dimensions_of, unit_fac
 
 SIZE_LIMIT = 64 * 2**20
 MOST_PROBLEMS = 20
+_LEAST, _MOST = 1e-20, 1e20  # beyond them the fourth powers of the fit leave the number range
 Layout = Literal["frequency", "time"]
 
 _STIFFNESSES = (
@@ -202,6 +203,8 @@ def _cells(
                 else:
                     value, fault = _number(cell)
                     values.append(value * head.factor)
+                    if value != 0.0 and not _LEAST <= abs(values[-1]) <= _MOST:
+                        fault = f"expected zero or a size between {_LEAST:g} and {_MOST:g} in SI, got {cell.strip()}"
                 if fault:
                     problems.append(Problem(line, place, head.name, fault))
         if len(problems) >= MOST_PROBLEMS:

@@ -157,6 +157,7 @@ WRONG = [
     (HEADER.replace("deg", "rad") + ROWS, ":2:5: phase: expected radians, as the header says"),
     (HEADER + ROWS.replace("175", "400"), ":2:5: phase: expected a phase within one turn"),
     (HEADER + ROWS.replace("100", "-100"), ":2:4: amplitude: expected an amplitude of zero or more"),
+    (HEADER + ROWS.replace("100", "1e200"), ":2:4: amplitude: expected zero or a size between"),
     (HEADER + ROWS.replace("100", "nan"), ":2:4: amplitude: expected a finite number, got nan"),
     (HEADER + ROWS.replace("100", "abc"), ':2:4: amplitude: expected a number, got "abc"'),
     (HEADER + ROWS + "4.0, heave, heave, 91, 169\n", ":4:1: frequency: heave by heave has this frequency on line 3"),

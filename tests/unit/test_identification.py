@@ -316,6 +316,8 @@ def test_records_that_cannot_be_fitted_are_refused() -> None:
         fit_sine(t, rng.standard_normal(100), t)
     with pytest.raises(ValueError, match="one value throughout"):
         fit_sine(t, np.ones(100), t)
+    with pytest.raises(ValueError, match="force: expected an oscillation"):
+        fit_sine(t, np.cos(30 * t), np.ones(100))
     with pytest.raises(ValueError, match="even, increasing steps"):
         fit_sine(np.delete(t, 40), np.cos(30 * t[1:]), t[1:])
     with pytest.raises(ValueError, match="as many as times"):
