@@ -13,7 +13,7 @@ from maglev_ctrl.study.paper.double_l import root
 from maglev_ctrl.study.paper.records import MODELS, DataTable, EigenSweep, Model, Reproduction
 
 MODEL_WORDS: Final[dict[Model, str]] = {
-    "P": "P: paper, Eq. 43", "C": "C: consistent", "CG": "CG: with weight and preload",
+    "P": "P: paper, Eq. 43", "C": "C: consistent", "CG": "CG: with preload",
 }  # fmt: skip
 COMPUTED: Final = "Computed, not measured."
 _MODES: Final = ("first mode (heave)", "second mode", "third mode")
@@ -150,10 +150,12 @@ def instability_words(sweep: EigenSweep) -> str:
     return f"flutter {ranges_words(sweep.flutter, **ends)}, divergence {ranges_words(sweep.divergence, **ends)}"
 
 
-def _limits(sweeps: list[EigenSweep]) -> tuple[tuple[float, float], tuple[float, float]]:
+def _limits(
+    sweeps: list[EigenSweep], *, columns: tuple[int, ...] = (0, 1, 2)
+) -> tuple[tuple[float, float], tuple[float, float]]:
     """Common axes, so that models can be compared across."""
-    high = max(float(np.max(root(one.squared).real)) for one in sweeps)
-    other = max(float(np.max(root(one.squared).imag)) for one in sweeps)
+    omega = np.concatenate([root(one.squared)[:, list(columns)] for one in sweeps])
+    high, other = float(np.max(omega.real)), float(np.max(omega.imag))
     return (-0.03 * high, 1.06 * high), (-0.05 * max(other, 1.0), 1.1 * max(other, 1.0))
 
 
@@ -166,6 +168,7 @@ def _bands(sweep: EigenSweep) -> list[Item]:
 def gap_chart(found: Reproduction) -> Chart:
     """Fig. 15: the third mode over the lateral offset for four gaps, one column a model."""
     keys = [key for key in dict.fromkeys(one.key for one in found.sweeps) if key.startswith("fig15")]
+    real, imaginary = _limits([found.sweep(key, model) for key in keys for model in MODELS], columns=(2,))
     top, bottom = [], []
     for model in MODELS:
         above: list[Item] = []
@@ -177,8 +180,8 @@ def gap_chart(found: Reproduction) -> Chart:
             below.append(Line(1e3 * sweep.values, omega.imag, name, colour(order), dash(0)))
         first = model == MODELS[0]
         label_x = Axis("lateral offset (mm)")
-        top.append(Panel(tuple(above), Axis(""), Axis("ω_R (1/s)" if first else ""), MODEL_WORDS[model]))
-        bottom.append(Panel(tuple(below), label_x, Axis("ω_I (1/s)" if first else "")))
+        top.append(Panel(tuple(above), Axis(""), Axis("ω_R (1/s)" if first else "", limits=real), MODEL_WORDS[model]))
+        bottom.append(Panel(tuple(below), label_x, Axis("ω_I (1/s)" if first else "", limits=imaginary)))
     caption = (
         "Fig. 15 of the paper, h = 7 mm: third mode (sway where the vehicle is centred) over the lateral offset, "
         "frozen, for four guidance gaps. Where ω_R is zero and ω_I is not, it diverges."

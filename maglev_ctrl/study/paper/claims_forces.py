@@ -7,6 +7,7 @@ import math
 from maglev_ctrl.study.paper.evidence import Evidence
 from maglev_ctrl.study.paper.records import Claim, ClaimVerdict, Extreme
 
+NOTICED = 1e-3  # m: a minimum that moves by less stays where it is
 NEAR = 0.1  # an extreme that moves by less than this share of what the other leg moves it is not caused by the leg
 
 
@@ -73,13 +74,15 @@ def _cause(evidence: Evidence) -> Claim:
     if any(math.isnan(one.at) for one in evidence.extremes["default"] if one.kind == "minimum"):
         why = "The force model of this run has no minimum whose cause could be asked for."
         return Claim(key, where, quote, "; ".join(told), "the same", ClaimVerdict.NOT_TESTABLE, why)
-    floor_does = all(f > 1e-3 and w < NEAR * f for w, f in zip(moved["long_wall"], moved["long_floor"], strict=True))
-    wall_does = all(w > 1e-3 and f < NEAR * w for w, f in zip(moved["long_wall"], moved["long_floor"], strict=True))
+    floor_does = all(f > NOTICED and w < NEAR * f for w, f in zip(moved["long_wall"], moved["long_floor"], strict=True))
+    wall_does = all(w > NOTICED and f < NEAR * w for w, f in zip(moved["long_wall"], moved["long_floor"], strict=True))
     verdict = ClaimVerdict.FALSE if floor_does else ClaimVerdict.HOLDS if wall_does else ClaimVerdict.CORRECTED
+    neither = max(*moved["long_wall"], *moved["long_floor"]) <= NOTICED
     why = (
         "Each leg was doubled in turn. The minimum answers to the free edge of the lift leg, towards which the magnet "
         "moves as the gap widens, and not to the edge of the lateral leg." if floor_does
         else "Each leg was doubled in turn; the minimum follows the lateral leg." if wall_does
+        else "Each leg was doubled in turn; the minimum follows neither." if neither
         else "Each leg was doubled in turn; the minimum follows both."
     )  # fmt: skip
     return Claim(key, where, quote, "; ".join(told), "the same", verdict, why)

@@ -39,8 +39,8 @@ def _drag_peak(evidence: Evidence) -> Claim:
         "drag_peaks", "Sec. 4.1, Eq. 15, Fig. 5",
         "The value of n is 1 for a single conductor and varies from about 1/5 to 1/3 for coils",
         told, here, ClaimVerdict.CORRECTED if known else ClaimVerdict.NOT_TESTABLE,
-        "The drag peak lies at v = w only for n = 1. No n of Eq. 15 between 1/5 and 1 reproduces lift and drag of a "
-        "short coil in a corner of thick plates; the equation is a scoping formula."
+        f"The drag peak lies at v = w only for n = 1, and at most at {max(x for _, x, _ in peaks):.2f} w for n down to "
+        "1/5. A short coil in a corner of thick plates has its own; Eq. 15 is a scoping formula."
         if known else "The curves are as printed; whether they fit a coil needs forces that depend on speed.",
     )  # fmt: skip
 

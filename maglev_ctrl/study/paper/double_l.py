@@ -26,7 +26,7 @@ SWITCHES: dict[Model, tuple[Kinematics, bool]] = {
     "P": ("paper", False), "C": ("consistent", False), "CG": ("consistent", True),
 }  # fmt: skip
 DENSE = 2001  # points of the closed conditions
-CHECKED = 41  # points at which the assembled vehicle is asked too
+CHECKED = 25  # points at which the assembled vehicle is asked too
 SAME_PLACE = 1e-6  # m: two boundaries nearer than this are one
 BRACKET = 2e-5  # m: how far from the closed boundary the eigenvalues are asked
 

@@ -18,7 +18,7 @@ SPEED: Final = 36.1  # m/s, the surface speed of the wheel in the tests
 GAPS: Final = (5e-3, 12.7e-3)  # of the curves over height, m
 HEIGHTS: Final = (7e-3, 12.7e-3)  # of the curves over the gap, m
 POINTS: Final = 181
-_SCAN: Final = 721
+SCAN: Final = 721
 
 
 def force_tables(
@@ -58,6 +58,7 @@ def _quantities(force: AbstractForceModel, height: FloatArray, gap: FloatArray) 
 def guidance_extreme(
     force: AbstractForceModel, along: Literal["height", "gap"], fixed: float, *, low: float, high: float,
     speed: float = SPEED,
+    scan: int = SCAN,
 ) -> Extreme:  # fmt: skip
     """The maximum of guidance over height, or its minimum over the gap, by the zero of its slope.
 
@@ -67,6 +68,7 @@ def guidance_extreme(
     fixed : the other of height and gap, m
     low, high : range in which it is looked for, m
     speed : m/s
+    scan : points of the first look
 
     Examples
     --------
@@ -86,7 +88,7 @@ def guidance_extreme(
         found = force.derivatives(*place(x), speed)
         return found.by_height.guidance if along == "height" else found.by_gap.guidance
 
-    grid = np.linspace(low, high, _SCAN)
+    grid = np.linspace(low, high, scan)
     values = slope(grid)
     falls = values[:-1] > 0.0 if kind == "maximum" else values[:-1] < 0.0
     turns = np.flatnonzero(falls & (np.sign(values[:-1]) != np.sign(values[1:])))
@@ -98,11 +100,20 @@ def guidance_extreme(
 
 
 def guidance_extremes(
-    force: AbstractForceModel, *, heights: tuple[float, float], gaps: tuple[float, float], speed: float = SPEED
+    force: AbstractForceModel,
+    *,
+    heights: tuple[float, float],
+    gaps: tuple[float, float],
+    speed: float = SPEED,
+    scan: int = SCAN,
 ) -> tuple[Extreme, ...]:
     """The four extremes of the paper's Figs. 3e to 3h: maxima over height, then minima over the gap."""
-    up = [guidance_extreme(force, "height", gap, low=heights[0], high=heights[1], speed=speed) for gap in GAPS]
-    out = [guidance_extreme(force, "gap", height, low=gaps[0], high=gaps[1], speed=speed) for height in HEIGHTS]
+    up = [
+        guidance_extreme(force, "height", gap, low=heights[0], high=heights[1], speed=speed, scan=scan) for gap in GAPS
+    ]
+    out = [
+        guidance_extreme(force, "gap", height, low=gaps[0], high=gaps[1], speed=speed, scan=scan) for height in HEIGHTS
+    ]
     return (*up, *out)
 
 

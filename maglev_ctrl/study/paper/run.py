@@ -42,7 +42,7 @@ from maglev_ctrl.study.paper.records import (
     SensitivityRow,
     SolvedCase,
 )
-from maglev_ctrl.study.paper.speeds import SLOW, speed_study
+from maglev_ctrl.study.paper.speeds import SLOW, SLOW_SCAN, speed_study
 from maglev_ctrl.study.paper.table1 import PRINTED, mode_table
 from maglev_ctrl.study.paper.tables import eigen_table, mode_data_table, speed_tables
 from maglev_ctrl.study.workers import Lost, shared
@@ -143,7 +143,10 @@ def _default(solved: SolvedCase, tell: Progress) -> Evidence:
         sweeps.update({(figure.key, model): sweep_of(solved, figure, model) for model in MODELS})
     slow: dict[float, tuple[Extreme, ...]] = {}
     if solved.any_speed is not None:
-        slow = {v: guidance_extremes(solved.any_speed, heights=HEIGHT_RANGE, gaps=GAP_RANGE, speed=v) for v in SLOW}
+        slow = {
+            v: guidance_extremes(solved.any_speed, heights=HEIGHT_RANGE, gaps=GAP_RANGE, speed=v, scan=SLOW_SCAN)
+            for v in SLOW
+        }
     return Evidence(
         solved=solved,
         extremes={"default": guidance_extremes(solved.force, heights=HEIGHT_RANGE, gaps=GAP_RANGE)},

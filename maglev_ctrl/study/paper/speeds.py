@@ -16,6 +16,7 @@ GAP: Final = 12.7e-3
 FREQUENCY: Final = 2.0 * pi * 5.0  # rad/s, near the frequencies of heave, roll and sway
 RANGE: Final = (5.0, 100.0)
 SLOW: Final = (10.0, 20.0)  # m/s, of the lower velocities
+SLOW_SCAN: Final = 15  # points: each costs tens of milliseconds where no map is at hand
 UNSTEADY_SPEEDS: Final = (5.0, 10.0, 15.0, 20.0, 25.0, 36.1, 50.0, 75.0, 100.0)
 SURGE, SWAY, HEAVE = 0, 1, 2
 
@@ -25,7 +26,7 @@ def speed_study(solved: SolvedCase) -> SpeedStudy | None:
     model = solved.any_speed
     if model is None:
         return None
-    speeds = np.linspace(*RANGE, 96)
+    speeds = np.linspace(*RANGE, 39)
     forces = model.forces(np.full_like(speeds, HEIGHT), np.full_like(speeds, GAP), speeds)
     known = np.array(UNSTEADY_SPEEDS if solved.unsteady is not None else ())
     damping = np.zeros((known.size, 3))

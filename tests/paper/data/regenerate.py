@@ -1,0 +1,30 @@
+"""Writes default_forces.json: the default guideway's force map at 36.1 m/s, from the finite-element solution.
+
+    python tests/paper/data/regenerate.py
+
+ln(-W) and ln(drag) as Chebyshev series of ln(height + shift) and ln(gap), SI units; W the energy whose gradient
+lift and guidance are.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from maglev_ctrl.study.paper.cases import DEFAULT, GAP_RANGE, HEIGHT_RANGE, eddy_current
+
+
+def main() -> None:
+    """Solve the default guideway and keep its map."""
+    force = eddy_current(DEFAULT).force
+    body = {
+        "height": HEIGHT_RANGE, "gap": GAP_RANGE, "shift": DEFAULT.loop_height,
+        "log_energy": [[float(f"{c:.12g}") for c in row] for row in force.log_energy[:, :, 0]],  # type: ignore[attr-defined]
+        "log_drag": [[float(f"{c:.12g}") for c in row] for row in force.log_drag[:, :, 0]],  # type: ignore[attr-defined]
+    }  # fmt: skip
+    file = Path(__file__).with_name("default_forces.json")
+    file.write_text(json.dumps(body) + "\n", encoding="utf-8", newline="\n")
+
+
+if __name__ == "__main__":
+    main()
