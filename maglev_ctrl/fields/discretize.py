@@ -50,7 +50,7 @@ class Discretization:
     samples: FloatArray
     sample_weights: FloatArray
 
-    def condensed(self, wavenumber: float) -> FloatArray:
+    def condensed(self, wavenumber: float) -> Any:
         """The scalar operator -lap + k^2 on the conductor's nodes with the air condensed; dense on the surface, sparse
         inside; (n, n) CSC."""
         k2 = wavenumber**2
@@ -95,8 +95,8 @@ def discretize(mesh: Triangulation, conductivities: FloatArray, *, order: int) -
 
     weight = np.repeat((MU_0 * conductivities[mesh.conductor[metal]])[:, None], inside.X.shape[1], axis=1)
     weighted = {"weight": weight}
-    lap_in, mass_in = _laplace.assemble(inside), _mass.assemble(inside)
-    lap_out, mass_out = _laplace.assemble(outside), _mass.assemble(outside)
+    lap_in, mass_in = BilinearForm(_laplace).assemble(inside), BilinearForm(_mass).assemble(inside)
+    lap_out, mass_out = BilinearForm(_laplace).assemble(outside), BilinearForm(_mass).assemble(outside)
 
     def cut(matrix: Any, index: IndexArray) -> Any:
         return matrix.tocsr()[index][:, index].tocsc()
@@ -109,10 +109,10 @@ def discretize(mesh: Triangulation, conductivities: FloatArray, *, order: int) -
         mass_conductor=cut(mass_in, in_metal),
         laplace_air=cut(lap_out, order_air),
         mass_air=cut(mass_out, order_air),
-        weighted_mass=cut(_weighted_mass.assemble(inside, **weighted), in_metal),
-        weighted_laplace=cut(_weighted_laplace.assemble(inside, **weighted), in_metal),
-        along_y=cut(_along_y.assemble(inside, **weighted), in_metal),
-        along_z=cut(_along_z.assemble(inside, **weighted), in_metal),
+        weighted_mass=cut(BilinearForm(_weighted_mass).assemble(inside, **weighted), in_metal),
+        weighted_laplace=cut(BilinearForm(_weighted_laplace).assemble(inside, **weighted), in_metal),
+        along_y=cut(BilinearForm(_along_y).assemble(inside, **weighted), in_metal),
+        along_z=cut(BilinearForm(_along_z).assemble(inside, **weighted), in_metal),
         samples=samples,
         sample_weights=sample_weights,
     )
@@ -133,31 +133,25 @@ def _surface_samples(mesh: Triangulation, points: int = 2) -> tuple[FloatArray, 
     return samples.reshape(2, -1), weights.ravel()
 
 
-@BilinearForm
 def _laplace(u: Any, v: Any, w: Any) -> Any:
     return dot(grad(u), grad(v))
 
 
-@BilinearForm
 def _mass(u: Any, v: Any, w: Any) -> Any:
     return u * v
 
 
-@BilinearForm
 def _weighted_laplace(u: Any, v: Any, w: Any) -> Any:
     return w.weight * dot(grad(u), grad(v))
 
 
-@BilinearForm
 def _weighted_mass(u: Any, v: Any, w: Any) -> Any:
     return w.weight * u * v
 
 
-@BilinearForm
 def _along_y(u: Any, v: Any, w: Any) -> Any:
     return w.weight * v * grad(u)[0]
 
 
-@BilinearForm
 def _along_z(u: Any, v: Any, w: Any) -> Any:
     return w.weight * v * grad(u)[1]

@@ -1,4 +1,4 @@
-"""What a conducting guideway answers to any coil in a region, at any speed and frequency: its decaying current patterns.
+"""What a conducting guideway answers to any coil in a region: its decaying current patterns.
 
 For each wavenumber k along the track the eddy currents obey (K + i s N) u = -i s f with s = w + k v (w the frequency of
 the coil's own motion, v its speed), K and N real, symmetric and not negative. A Galerkin basis turns this into current

@@ -1,4 +1,4 @@
-"""Solve a conducting guideway once: formulation A (vector potential with electric potential in the metal) per wavenumber.
+"""Solve a conducting guideway once: formulation A (vector potential, electric potential in the metal) per wavenumber.
 
 With fields e^{ikx}, A = (a_x, i a_y, i a_z), V = -s phi and the reaction potential a as unknown,
 (-lap + k^2) a + i s mu_0 sigma (a + source + grad phi) = 0, div J = 0 in the metal, no flux of J through its surface.
@@ -8,9 +8,9 @@ definite, and of the sources themselves, which make the limit of infinite rate e
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,8 +24,8 @@ from maglev_ctrl.fields.discretize import MU_0, Discretization, discretize
 from maglev_ctrl.fields.mesh import triangulate
 from maglev_ctrl.fields.response import GuidewayResponse, Region
 from maglev_ctrl.fields.section import CrossSection
+from maglev_ctrl.fields.spread import Progress, Spread, in_order, one_by_one
 from maglev_ctrl.fields.wavenumbers import gauss_points, panels
-"""Told the fraction done, 0 to 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +57,7 @@ def solve_guideway(
     speeds: tuple[float, float],
     frequency: float,
     fineness: Fineness,
-    jobs: int = 1,
+    spread: Spread = one_by_one,
     progress: Progress | None = None,
 ) -> GuidewayResponse:
     """Current patterns of a guideway for every coil whose lines stay in the regions.
@@ -67,7 +67,7 @@ def solve_guideway(
     regions : boxes of the cross-section, clear of every conductor
     speeds : least and largest speed, m/s
     frequency : largest angular frequency of the coil's own motion, rad/s
-    jobs : threads over wavenumbers
+    spread : shares the wavenumbers out; by default they are solved one by one
     progress : called with the fraction done
 
     Raises
@@ -87,22 +87,11 @@ def solve_guideway(
     )
     grid = discretize(mesh, np.array([c.conductivity for c in section.conductors]), order=fineness.order)
     candidates = np.concatenate([_dipole_places(region, clearance) for region in regions], axis=1)
-    done = 0
-
-    def one(wavenumber: float) -> Pattern:
-        nonlocal done
-        found = current_patterns(
-            grid, wavenumber,
-            candidates=candidates, rates=_rates(wavenumber, speeds, frequency, fineness.rates_per_decade),
-            tolerance=fineness.tolerance,
-        )  # fmt: skip
-        done += 1
-        if progress is not None:
-            progress(done / len(k))
-        return found
-
-    with ThreadPoolExecutor(jobs) as pool:
-        found = list(pool.map(one, k.tolist()))
+    task = partial(
+        current_patterns, grid,
+        candidates=candidates, speeds=speeds, frequency=frequency, fineness=fineness,
+    )  # fmt: skip
+    found: list[Pattern] = in_order(task, k.tolist(), spread=spread, progress=progress)
     modes = max(len(pattern.time_constants) for pattern in found)
     projections = np.zeros((len(k), grid.samples.shape[1], modes))
     time_constants = np.zeros((len(k), modes))
@@ -120,7 +109,7 @@ def _rates(wavenumber: float, speeds: tuple[float, float], frequency: float, per
     low, high = wavenumber * speeds[0], wavenumber * speeds[1] + frequency
     count = 2 + int(np.ceil(per_decade * np.log10(high / low) - 1e-9))
     # One rate less than a quarter decade outside each end: the ends are approached from both sides.
-    return np.geomspace(low / 1.5, high * 1.5, count).tolist()
+    return [float(rate) for rate in np.geomspace(low / 1.5, high * 1.5, count)]
 
 
 def _outline(region: Region, points: int) -> FloatArray:
@@ -155,7 +144,7 @@ def _dipole_places(region: Region, clearance: float) -> FloatArray:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Pattern:
-    """Current patterns of one wavenumber: `projection` (modes, m) from samples to weights, `time_constants` (modes,)."""
+    """Patterns of one wavenumber: `projection` (modes, m) from samples to weights, `time_constants` (modes,) s."""
 
     projection: FloatArray
     time_constants: FloatArray
@@ -174,19 +163,20 @@ def current_patterns(
     wavenumber: float,
     *,
     candidates: FloatArray,
-    rates: Sequence[float],
-    tolerance: float,
+    speeds: tuple[float, float],
+    frequency: float,
+    fineness: Fineness,
 ) -> Pattern:
     """Patterns and time constants of one wavenumber.
 
     Parameters
     ----------
     wavenumber : 1/m
-    candidates : (2, c) m; dipole lines here span the potentials of every coil of the region
-    rates : real rates p at which the basis is exact, 1/s
-    tolerance : relative error allowed in representing the sources
+    candidates : (2, c) m; dipole lines here span the potentials of every coil of the regions
+    speeds, frequency : ranges the basis is made for, m/s and rad/s
     """
-    sources = source_basis(mesh, wavenumber, candidates=candidates, tolerance=tolerance)
+    rates = _rates(wavenumber, speeds, frequency, fineness.rates_per_decade)
+    sources = source_basis(mesh, wavenumber, candidates=candidates, tolerance=fineness.tolerance)
     K, N = field_matrices(mesh, wavenumber)
     load = N @ sources.values
     parts = [sources.values]
@@ -200,9 +190,7 @@ def current_patterns(
     return Pattern(projection=weights.T @ sources.projection, time_constants=time_constants)
 
 
-def _reduced(
-    K: Any, N: Any, basis: FloatArray, load: FloatArray, rate: float
-) -> tuple[FloatArray, FloatArray]:
+def _reduced(K: Any, N: Any, basis: FloatArray, load: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
     """Weights (r, modes) and time constants of the pencil (K, N) on a basis, by the definite pencil (K, K + rate N)."""
     K_r, N_r = basis.T @ (K @ basis), basis.T @ (N @ basis)
     total = K_r + rate * N_r
@@ -259,4 +247,3 @@ def source_basis(mesh: Discretization, wavenumber: float, *, candidates: FloatAr
 def _offsets(points: FloatArray, sources: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     dy, dz = points[:, :, None] - sources[:, None, :]
     return dy, dz, np.hypot(dy, dz)
-

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from itertools import pairwise
+
 import numpy as np
 
 from maglev_ctrl.arrays import FloatArray
@@ -27,10 +30,12 @@ def panels(clearance: float, size: float) -> FloatArray:
 def gauss_points(ends: FloatArray, points: int) -> FloatArray:
     """Gauss points of every panel, in order, 1/m."""
     x, _ = np.polynomial.legendre.leggauss(points)
-    return np.concatenate([a + 0.5 * (x + 1.0) * (b - a) for a, b in zip(ends, ends[1:], strict=False)])
+    return np.concatenate([a + 0.5 * (x + 1.0) * (b - a) for a, b in pairwise(ends)])
 
 
-def product_weights(ends: FloatArray, points: int, factor: object, *, extent: float) -> FloatArray:
+def product_weights(
+    ends: FloatArray, points: int, factor: Callable[[FloatArray], FloatArray], *, extent: float
+) -> FloatArray:
     """Weights w (n,) with sum w f(k_n) = Int factor(k) f(k) dk for f a polynomial on every panel.
 
     A long coil's transform oscillates much faster than the guideway's response varies.
@@ -44,10 +49,10 @@ def product_weights(ends: FloatArray, points: int, factor: object, *, extent: fl
     x, _ = np.polynomial.legendre.leggauss(points)
     vandermonde = np.polynomial.legendre.legvander(x, points - 1)
     found = []
-    for a, b in zip(ends, ends[1:], strict=False):
+    for a, b in pairwise(ends):
         fine = points + 8 + int(np.ceil((b - a) * extent))
         t, w = np.polynomial.legendre.leggauss(fine)
-        values = factor(a + 0.5 * (t + 1.0) * (b - a))  # type: ignore[operator]
+        values = factor(a + 0.5 * (t + 1.0) * (b - a))
         moments = np.polynomial.legendre.legvander(t, points - 1).T @ (0.5 * (b - a) * w * values)
         found.append(np.linalg.solve(vandermonde.T, moments))
     return np.concatenate(found)
