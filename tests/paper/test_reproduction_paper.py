@@ -111,7 +111,8 @@ def test_published_forces(height: float, gap: float, lift: float, guidance: floa
 def test_published_stiffnesses() -> None:
     got = FORCES.derivatives(12.7 * MM, 12.7 * MM, 36.1)
     values = [float(x) for x in (got.by_height.lift, got.by_gap.lift, got.by_gap.guidance)]
-    np.testing.assert_allclose(values, [-546.1, -2.84, -148.7], rtol=5e-3)
+    # k_lg nearly cancels here: its error is a share of k_ll.
+    np.testing.assert_allclose(values, [-546.1, -2.84, -148.7], rtol=2e-3, atol=1e-4 * 546.1)
 
 
 def test_extremes_of_the_guidance_force() -> None:

@@ -11,14 +11,14 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from maglev_ctrl.study.paper.cases import DEFAULT, GAP_RANGE, HEIGHT_RANGE, eddy_current
+from maglev_ctrl.study.paper.cases import DEFAULT, MAPPED_RANGE, eddy_current
 
 
 def main() -> None:
     """Solve the default guideway and keep its map."""
     force = eddy_current(DEFAULT).force
     body = {
-        "height": HEIGHT_RANGE, "gap": GAP_RANGE, "shift": DEFAULT.loop_height,
+        "height": MAPPED_RANGE, "gap": MAPPED_RANGE, "shift": DEFAULT.loop_height,
         "log_energy": [[float(f"{c:.12g}") for c in row] for row in force.log_energy[:, :, 0]],  # type: ignore[attr-defined]
         "log_drag": [[float(f"{c:.12g}") for c in row] for row in force.log_drag[:, :, 0]],  # type: ignore[attr-defined]
     }  # fmt: skip
