@@ -125,6 +125,23 @@ def test_code_named_in_the_equation_map_exists() -> None:
             pytest.fail(f"{name} names no module")
 
 
+def pinned(text: str) -> list[tuple[str, str]]:
+    """(file, test) of every test that a page names."""
+    return re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", text)
+
+
+def test_tests_named_by_the_errata_exist() -> None:
+    named = pinned((DOCS / "paper" / "errata.md").read_text(encoding="utf-8"))
+    assert len(named) >= 20
+    missing = [name for file, name in named if f"def {name}(" not in (ROOT / file).read_text(encoding="utf-8")]
+    assert not missing
+
+
+def test_a_misspelt_test_would_be_missed() -> None:
+    (found,) = pinned("| x | `tests/house/test_docs.py::test_no_such_thing` |")
+    assert f"def {found[1]}(" not in (ROOT / found[0]).read_text(encoding="utf-8").replace(found[1] + "`", "")
+
+
 @pytest.mark.slow
 def test_the_readme_example_runs() -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
