@@ -35,7 +35,7 @@ class StoredForces(AbstractForceModel):
     def __init__(self) -> None:
         kept = json.loads(FILE.read_text(encoding="utf-8"))
         self.ranges = (tuple(kept["height"]), tuple(kept["gap"]))
-        self.shift = (kept["shift"], 0.0)
+        self.shift = tuple(kept["shift"])
         self.series = {name: np.array(kept[name]) for name in ("log_energy", "log_drag")}
 
     @property

@@ -161,7 +161,7 @@ def _limits(
 
 def _bands(sweep: EigenSweep) -> list[Item]:
     bands: list[Item] = [Span("x", 1e3 * a, 1e3 * b, _FLUTTER, 0.20, label="flutter") for a, b in sweep.flutter]
-    bands += [Span("x", 1e3 * a, 1e3 * b, FAIL_COLOUR, 0.25, True, "divergence") for a, b in sweep.divergence]
+    bands += [Span("x", 1e3 * a, 1e3 * b, FAIL_COLOUR, 0.22, label="divergence") for a, b in sweep.divergence]
     return bands
 
 

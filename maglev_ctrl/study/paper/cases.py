@@ -26,7 +26,6 @@ SOLVED_RANGE: Final = (4e-3, 48e-3)  # m, of heights and gaps: wider than what i
 HIGHEST_FREQUENCY: Final = 10.0 * 2.0 * pi  # rad/s, of the magnet's own motion
 # A map is worst at the ends of its range, so that it reaches a little farther than it is asked.
 MAPPED_RANGE: Final = (4.2e-3, 47e-3)
-MAP_TOLERANCE: Final = 0.05
 _CHECKS: Final = 24
 
 
@@ -104,7 +103,7 @@ def eddy_current(case: GuidewayCase) -> SolvedCase:
         section, (coil,), height=SOLVED_RANGE, gap=SOLVED_RANGE, speed=SPEED_RANGE, frequency=HIGHEST_FREQUENCY
     )
     mapped = Domain(height=MAPPED_RANGE, gap=MAPPED_RANGE, speed=(SPEED, SPEED))
-    swift = ForceMap.of(replace(solved, domain=mapped), shift=case.loop_height, tolerance=MAP_TOLERANCE)
+    swift = ForceMap.of(replace(solved, domain=mapped))
     forces, stiffness = map_residuals(swift, solved)
     method = (
         "eddy currents in the guideway's metal by 2.5-D finite elements in its cross-section, one solve a wavenumber "

@@ -55,8 +55,8 @@ def _why_no_flutter(evidence: Evidence, key: str) -> str:
         return unresolved
     return (
         "Magnets that sit a below the centre of mass move sideways by a theta when the vehicle rolls; Eq. 43 leaves "
-        "that out, which makes the stiffness circulatory. With it, reciprocity (k_lg = k_gl; here to "
-        f"{100 * evidence.reciprocity:.1g} % of k_ll) makes the stiffness symmetric, and no coupled-mode flutter is "
+        "that out, which makes the stiffness circulatory. With it, reciprocity (k_lg = k_gl, here "
+        f"{evidence.reciprocity_words}) makes the stiffness symmetric, and no coupled-mode flutter is "
         "possible at any height."
     )
 

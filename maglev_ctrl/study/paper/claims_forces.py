@@ -117,7 +117,7 @@ def _four_stiffnesses(evidence: Evidence) -> Claim:
         "four_stiffnesses", "Sec. 2.3, Fig. 4",
         "All elements of magnetic stiffness k_ll, k_lg, k_gl and k_gg, were calculated",
         "four curves from two polynomial fits, k_lg and k_gl independent of each other",
-        f"largest |k_lg - k_gl| is {100 * evidence.reciprocity:.2g} % of the largest |k_ll|",
+        f"k_lg = k_gl {evidence.reciprocity_words}",
         ClaimVerdict.CORRECTED if small else ClaimVerdict.UNRESOLVED,
         "Only three are independent. On a guideway uniform along the track lift and guidance are the gradient of one "
         "scalar at a fixed speed, eddy-current losses notwithstanding, so that k_lg = k_gl. Separate fits of two "

@@ -54,6 +54,11 @@ class Evidence:
         ]
         return "; ".join(told)
 
+    @property
+    def reciprocity_words(self) -> str:
+        """How well k_lg = k_gl is kept, as a share of k_ll."""
+        return "to rounding" if self.reciprocity < 1e-12 else f"to {100.0 * self.reciprocity:.1g} % of k_ll"
+
     def line(self, gap: float, *, height: float | None = None) -> Line:
         """The line of states of a sweep over height, or over the lateral offset where a height is given."""
         return Line(self.solved.force, SPEED, gap, "height" if height is None else "lateral_offset", height)
