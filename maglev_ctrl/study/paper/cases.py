@@ -81,8 +81,8 @@ def outline(case: GuidewayCase) -> list[tuple[float, float]]:
 
     Examples
     --------
-    >>> max(y for y, _ in outline(LONG_FLOOR)), round(max(z for _, z in outline(LONG_FLOOR)), 5)
-    (0.1397, 0.06985)
+    >>> [round(max(column), 5) for column in zip(*outline(LONG_FLOOR), strict=True)]
+    [0.1397, 0.06985]
     """
     d = case.thickness
     return [(-d, -d), (case.floor, -d), (case.floor, 0.0), (0.0, 0.0), (0.0, case.wall), (-d, case.wall)]
