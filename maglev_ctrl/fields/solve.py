@@ -9,7 +9,7 @@ definite, and of the sources themselves, which make the limit of infinite rate e
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -34,8 +34,8 @@ class Fineness:
 
     Parameters
     ----------
-    finest, in_conductor : edge lengths at corners and in the metal, as shares of the plates' narrowest width and of the
-        coils' least clearance, whichever is smaller for each
+    finest, in_conductor : edge lengths at corners and in the metal, as shares of the coils' least clearance; in the
+        metal at most 2.5 times that share of the skin depth of the shortest waves that matter at the highest speed
     order : polynomial order of the elements
     points : Gauss points on each panel of wavenumbers
     tolerance : relative error of a coil's potential in the basis of sources
@@ -74,34 +74,65 @@ def solve_guideway(
     ------
     ValueError : a region that touches a conductor, a speed that is not positive
     """
-    if not 0.0 < speeds[0] <= speeds[1]:
-        raise ValueError(f"speed: expected positive speeds, the least first, got {speeds}; at rest there is no force")
-    clearance = min(_clearance(section, region) for region in regions)
-    ends = panels(clearance, section.size)
-    k = gauss_points(ends, fineness.points)
-    mesh = triangulate(
-        section,
-        finest=fineness.finest * clearance,
-        in_conductor=fineness.in_conductor * clearance,
-        growth=0.5,
-    )
-    grid = discretize(mesh, np.array([c.conductivity for c in section.conductors]), order=fineness.order)
-    candidates = np.concatenate([_dipole_places(region, clearance) for region in regions], axis=1)
-    task = partial(
-        current_patterns, grid,
-        candidates=candidates, speeds=speeds, frequency=frequency, fineness=fineness,
-    )  # fmt: skip
+    ends, k, task = _prepared(section, regions, speeds, frequency, fineness, fineness.order)
     found: list[Pattern] = in_order(task, k.tolist(), spread=spread, progress=progress)
     modes = max(len(pattern.time_constants) for pattern in found)
-    projections = np.zeros((len(k), grid.samples.shape[1], modes))
+    projections = np.zeros((len(k), found[0].projection.shape[1], modes))
     time_constants = np.zeros((len(k), modes))
     for i, pattern in enumerate(found):
         projections[i, :, : len(pattern.time_constants)] = pattern.projection.T
         time_constants[i, : len(pattern.time_constants)] = pattern.time_constants
     return GuidewayResponse(
-        panels=ends, wavenumbers=k, samples=grid.samples, projections=projections, time_constants=time_constants,
-        regions=tuple(regions), speeds=speeds, frequency=frequency,
+        panels=ends, wavenumbers=k, samples=task.args[0].samples,
+        projections=projections, time_constants=time_constants, regions=tuple(regions), speeds=speeds, frequency=frequency,
     )  # fmt: skip
+
+
+def refined_patterns(
+    section: CrossSection,
+    response: GuidewayResponse,
+    indices: Sequence[int],
+    *,
+    fineness: Fineness,
+    spread: Spread = one_by_one,
+    progress: Progress | None = None,
+) -> list[Pattern]:
+    """Some wavenumbers of a response solved again: elements of one order more, twice the rates, a finer basis."""
+    finer = replace(
+        fineness,
+        tolerance=0.03 * fineness.tolerance,
+        rates_per_decade=2.0 * fineness.rates_per_decade,
+    )
+    _, k, task = _prepared(
+        section, response.regions, response.speeds, response.frequency, finer, min(fineness.order + 1, 4)
+    )
+    return in_order(task, k[list(indices)].tolist(), spread=spread, progress=progress)
+
+
+def _prepared(
+    section: CrossSection,
+    regions: Sequence[Region],
+    speeds: tuple[float, float],
+    frequency: float,
+    fineness: Fineness,
+    order: int,
+) -> tuple[FloatArray, FloatArray, partial[Pattern]]:
+    """Panels, wavenumbers, and the task that solves one of them."""
+    if not 0.0 < speeds[0] <= speeds[1]:
+        raise ValueError(f"speed: expected positive speeds, the least first, got {speeds}; at rest there is no force")
+    clearance = min(_clearance(section, region) for region in regions)
+    ends = panels(clearance, section.size)
+    conductivities = np.array([conductor.conductivity for conductor in section.conductors])
+    skin_depth = float(np.sqrt(2.0 * clearance / (MU_0 * np.max(conductivities) * (speeds[1] + frequency * clearance))))
+    in_conductor = fineness.in_conductor * min(clearance, 2.5 * skin_depth)
+    finest = min(fineness.finest * clearance, in_conductor)
+    mesh = triangulate(section, finest=finest, in_conductor=in_conductor, growth=0.5)
+    task = partial(
+        current_patterns, discretize(mesh, conductivities, order=order),
+        candidates=np.concatenate([_dipole_places(region, clearance) for region in regions], axis=1),
+        speeds=speeds, frequency=frequency, fineness=fineness,
+    )  # fmt: skip
+    return ends, gauss_points(ends, fineness.points), task
 
 
 def _rates(wavenumber: float, speeds: tuple[float, float], frequency: float, per_decade: float) -> list[float]:

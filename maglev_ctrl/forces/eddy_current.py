@@ -20,7 +20,7 @@ from maglev_ctrl.errors import OutOfDomain
 from maglev_ctrl.fields.coil import CoilGroup, RectangularCoil, coil_groups, dipole_potential, line_points
 from maglev_ctrl.fields.response import GuidewayResponse, Region
 from maglev_ctrl.fields.section import CrossSection
-from maglev_ctrl.fields.solve import Fineness, solve_guideway
+from maglev_ctrl.fields.solve import Fineness, refined_patterns, solve_guideway
 from maglev_ctrl.fields.spread import Spread, one_by_one
 from maglev_ctrl.fields.wavenumbers import product_weights
 from maglev_ctrl.forces.base import (
@@ -65,6 +65,7 @@ class EddyCurrentForce(AbstractForceModel):
     section: CrossSection
     coils: tuple[RectangularCoil, ...]
     response: GuidewayResponse
+    fineness: Fineness
     domain: Domain = field()  # field() hides the property of the base, which would count as a default
     strength: FloatArray = field(default_factory=lambda: read_only(1.0, name="strength"))
     _groups: tuple[CoilGroup, ...] = field(init=False)
@@ -106,16 +107,17 @@ class EddyCurrentForce(AbstractForceModel):
         """
         _require_ranges(height=height, gap=gap, speed=speed)
         groups = coil_groups(coils)
+        chosen = accuracy if isinstance(accuracy, Fineness) else FINENESS[accuracy]
         response = solve_guideway(
             section,
             regions=[_region(group, height=height, gap=gap) for group in groups],
             speeds=speed,
             frequency=frequency,
-            fineness=accuracy if isinstance(accuracy, Fineness) else FINENESS[accuracy],
+            fineness=chosen,
             spread=spread,
             progress=progress,
         )
-        return cls(section, tuple(coils), response, domain=Domain(height=height, gap=gap, speed=speed))
+        return cls(section, tuple(coils), response, chosen, domain=Domain(height=height, gap=gap, speed=speed))
 
     def forces(self, height: ArrayLike, gap: ArrayLike | None, speed: ArrayLike) -> MagnetForces:
         """Lift, guidance and drag of one magnet.
@@ -216,6 +218,53 @@ class EddyCurrentForce(AbstractForceModel):
         rate = w[:, None, None]
         return (k - Q[1:].real) / rate**2, Q[1:].imag / rate, k
 
+    def refinement(self, *, wavenumbers: int = 3, spread: Spread = one_by_one) -> float:
+        """Relative change of energy and drag when the wavenumbers that matter most are solved again, finer.
+
+        Elements of one order more, twice the rates, a finer basis of sources; at the nearest and the middle position
+        and the ends of the speed range. An estimate of the error, and usually above it.
+
+        Parameters
+        ----------
+        wavenumbers : how many, spread over those that carry the force
+        spread : shares them out over processes
+        """
+        (low, high), gap = self.domain.height, self.domain.gap or (0.0, 0.0)
+        places = ((low, gap[0]), (0.5 * (low + high), 0.5 * (gap[0] + gap[1])))
+        speeds = np.array(self.response.speeds)
+        samples = [self._potentials(h, g if self.domain.gap else None, order=0) for h, g in places]
+        shares = np.array([self._spectrum(self.response, one, speeds) for one in samples])  # (place, 2, speed, n)
+        carried = np.max(np.abs(shares) / np.sum(np.abs(shares), axis=-1, keepdims=True), axis=(0, 1, 2))
+        ranks = (np.arange(wavenumbers) + 0.5) / wavenumbers
+        chosen = np.unique(np.searchsorted(np.cumsum(carried) / np.sum(carried), ranks))
+        finer = refined_patterns(self.section, self.response, chosen.tolist(), fineness=self.fineness, spread=spread)
+        worst = 0.0
+        for index, pattern in zip(chosen.tolist(), finer, strict=True):
+            alone = replace(
+                self.response,
+                wavenumbers=self.response.wavenumbers[[index]],
+                projections=pattern.projection.T[None],
+                time_constants=pattern.time_constants[None],
+            )
+            for place, one in enumerate(samples):
+                again = self._spectrum(alone, [potential[:, [index]] for potential in one], speeds, at=index)
+                change = np.abs(again[..., 0] / shares[place, ..., index] - 1.0)
+                worst = max(worst, float(np.max(change * carried[index] / np.max(carried))))
+        return worst
+
+    def _spectrum(
+        self, response: GuidewayResponse, potentials: list[FloatArray], speeds: FloatArray, at: int | None = None
+    ) -> FloatArray:
+        """What each wavenumber adds to the energy and to the drag; (2, speeds, n)."""
+        weights = tuple(response.weights(one)[0] for one in potentials)
+        transfer = response.transfer(speeds)
+        total = np.zeros((2, len(speeds), len(response.wavenumbers)))
+        for i, j, share in self._shares:
+            product = (share if at is None else share[[at]]) * weights[i] * weights[j]
+            total[0] += np.sum(product * transfer.real, axis=-1)
+            total[1] -= np.sum(product * transfer.imag, axis=-1) * response.wavenumbers
+        return total
+
     def map(
         self,
         *,
@@ -239,13 +288,16 @@ class EddyCurrentForce(AbstractForceModel):
 
     def _weights(self, height: float, gap: float | None, *, order: int) -> tuple[FloatArray, ...]:
         """Pattern weights and their derivatives of every coil group; (1, 4 or 10, n, modes) each."""
+        return tuple(self.response.weights(one) for one in self._potentials(height, gap, order=order))
+
+    def _potentials(self, height: float, gap: float | None, *, order: int) -> list[FloatArray]:
+        """Potentials of every coil group at the samples; (1, 4 or 10, n, m) each."""
         found = []
         for group in self._groups:
             beside = 0.0 if gap is None else gap
             line = group.line(beside, height, line_points(group, beside, height, self.response.samples))
-            potential = dipole_potential(self.response.wavenumbers, self.response.samples, line, order=order)
-            found.append(self.response.weights(potential))
-        return tuple(found)
+            found.append(dipole_potential(self.response.wavenumbers, self.response.samples, line, order=order))
+        return found
 
     def _pairs(self, weights: tuple[FloatArray, ...]) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
         return [(weights[i], weights[j], share) for i, j, share in self._shares]

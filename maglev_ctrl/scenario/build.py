@@ -10,8 +10,10 @@ import numpy as np
 
 from maglev_ctrl.forces import AbstractForceModel, CoefficientTable, ImageForce, TabulatedForce
 from maglev_ctrl.forces.corner_image import CornerImageForce
+from maglev_ctrl.scenario.eddy_current import UnsolvedForce, domain_of
 from maglev_ctrl.scenario.force_schema import CoefficientForces, CornerImageForces, ImageForces, TableForces
 from maglev_ctrl.scenario.force_table import ForceSamples
+from maglev_ctrl.scenario.guideway_schema import EddyCurrentForces
 from maglev_ctrl.scenario.layout import (
     CAR,
     Layout,
@@ -72,7 +74,8 @@ def build_vehicle(scenario: Scenario, *, payload: float | None = None) -> Vehicl
     """The bare vehicle of a scenario.
 
     The payload sits at the car's centre of mass and leaves its moments of inertia alone. Magnets are sized for the
-    scenario's own payload, whatever `payload` says.
+    scenario's own payload, whatever `payload` says. Eddy-current forces take long to solve: until the scenario holds
+    them (`with_solved_force`), the magnets have their domain but no forces.
 
     Parameters
     ----------
@@ -198,7 +201,7 @@ def _magnets(scenario: Scenario, here: Layout) -> tuple[Magnet, ...]:
 
 
 def _magnet_force(
-    scenario: Scenario, forces: ImageForces | CornerImageForces | TableForces, count: float
+    scenario: Scenario, forces: ImageForces | CornerImageForces | EddyCurrentForces | TableForces, count: float
 ) -> AbstractForceModel:
     """Force of one magnet; unless the file fixes its strength, `count` of them lift the weight at the design point."""
     operating = scenario.operating
@@ -223,6 +226,16 @@ def _magnet_force(
                 return coil
             lift = float(coil.forces(operating.height, operating.gap, operating.speed).lift)
             return coil.scaled(share / lift)
+        case EddyCurrentForces():
+            solved = scenario.solved_force
+            if solved is None:
+                return UnsolvedForce(domain_of(scenario, layout(scenario.vehicle)))
+            if forces.absolute:
+                return solved
+            lift = float(solved.forces(operating.height, operating.gap, operating.speed).lift)
+            if lift <= 0.0:
+                raise ValueError(f"forces.coil: expected a lift above zero at the design point, got {lift:.6g} N")
+            return solved.scaled(share / lift)
         case TableForces():
             if scenario.force_samples is None:
                 raise ValueError("force_samples: the scenario's force table has not been read")

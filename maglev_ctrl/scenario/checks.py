@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from maglev_ctrl.scenario.checks_options import NEGATIVE_DAMPING, option_faults
+from maglev_ctrl.scenario.eddy_current import eddy_current_faults
 from maglev_ctrl.scenario.force_schema import CoefficientForces, CornerImageForces, ImageForces, TableForces
+from maglev_ctrl.scenario.guideway_schema import EddyCurrentForces
 from maglev_ctrl.scenario.layout import BOGIES, CAR, GUIDEWAY, Layout, layout
 from maglev_ctrl.scenario.problems import Fault, KeyPath
 from maglev_ctrl.scenario.scenario_schema import AnySweep, Scenario
@@ -95,7 +97,7 @@ def _force_faults(scenario: Scenario, here: Layout) -> Iterator[Fault]:
             if isinstance(vehicle, DoubleL):
                 yield Fault(
                     ("forces", "model"),
-                    'expected "corner_image", "table" or "coefficients": a double_l needs guidance forces, '
+                    'expected "corner_image", "eddy_current", "table" or "coefficients": a double_l needs guidance forces, '
                     "and image forces have none",
                 )
         case CoefficientForces():
@@ -103,6 +105,8 @@ def _force_faults(scenario: Scenario, here: Layout) -> Iterator[Fault]:
         case CornerImageForces():
             if not here.has_walls:
                 yield Fault(("forces", "model"), "corner_image forces need magnets that face a guidance wall")
+        case EddyCurrentForces():
+            yield from eddy_current_faults(scenario, here)
         case TableForces():
             pass
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import Field
 from pydantic_core import PydanticCustomError, core_schema
 
+from maglev_ctrl.scenario.guideway_schema import EddyCurrentForces
 from maglev_ctrl.scenario.records import Many, Record
 from maglev_ctrl.scenario.units import Conductivity, Current, PositiveLength, PositiveRatio, Speed
 
@@ -113,4 +114,6 @@ class CoefficientForces(Record):
     )
 
 
-ForceRecord = Annotated[ImageForces | CornerImageForces | TableForces | CoefficientForces, Field(discriminator="model")]
+ForceRecord = Annotated[
+    ImageForces | CornerImageForces | EddyCurrentForces | TableForces | CoefficientForces, Field(discriminator="model")
+]

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, PrivateAttr
 
+from maglev_ctrl.forces import AbstractForceModel
 from maglev_ctrl.scenario.force_schema import ForceRecord
 from maglev_ctrl.scenario.force_table import ForceSamples
 from maglev_ctrl.scenario.option_schema import OptionRecord
@@ -128,6 +129,7 @@ class Scenario(Record):
     requirements: Many[RequirementRecord] = Field((), alias="requirement", description="what they must reach")
 
     _origin: Origin | None = PrivateAttr(default=None)
+    _solved_force: AbstractForceModel | None = PrivateAttr(default=None)
 
     @property
     def origin(self) -> Origin:
@@ -166,9 +168,21 @@ class Scenario(Record):
         """Samples of a force table, SI; None for other force models."""
         return self.origin.force_samples
 
+    @property
+    def solved_force(self) -> AbstractForceModel | None:
+        """Eddy-current force of one magnet once it is solved; None before, and for other force models."""
+        return self._solved_force
+
 
 def with_origin(scenario: Scenario, origin: Origin) -> Scenario:
     """The same scenario with its origin recorded."""
     copy = scenario.model_copy()
     copy._origin = origin
+    return copy
+
+
+def with_solved_force(scenario: Scenario, force: AbstractForceModel) -> Scenario:
+    """The same scenario with the eddy-current force of one magnet, which takes long to solve, put in."""
+    copy = scenario.model_copy()
+    copy._solved_force = force
     return copy

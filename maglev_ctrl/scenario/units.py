@@ -358,6 +358,8 @@ _STIFFNESS = Unit("a stiffness", "N/m", "1.36 MN/m")
 _DAMPING = Unit("a damping coefficient", "N*s/m", "120 kN*s/m")
 _CONDUCTIVITY = Unit("an electrical conductivity", "S/m", "2.5e7 S/m", "positive")
 _CURRENT = Unit("a current", "A", "616 kA", "positive")
+_SIGNED_CURRENT = Unit("a current", "A", "6 kA")
+_ANY_SPEED = Unit("a speed", "m/s", "500 km/h")
 _BANDWIDTH = Unit("a frequency", "rad/s", "20 Hz", "positive", angular=True)
 _ANGLE = Unit("an angle", "rad", "30 deg")
 _RATE = Unit("a growth rate", "1/s", "0 1/s")
@@ -384,6 +386,8 @@ Stiffness = Annotated[float, _STIFFNESS]
 Damping = Annotated[float, _DAMPING]
 Conductivity = Annotated[float, _CONDUCTIVITY]
 Current = Annotated[float, _CURRENT]
+SignedCurrent = Annotated[float, _SIGNED_CURRENT]
+AnySpeed = Annotated[float, _ANY_SPEED]
 Bandwidth = Annotated[float, _BANDWIDTH]
 Angle = Annotated[float, _ANGLE]
 Rate = Annotated[float, _RATE]
