@@ -84,7 +84,8 @@ def solve_guideway(
         time_constants[i, : len(pattern.time_constants)] = pattern.time_constants
     return GuidewayResponse(
         panels=ends, wavenumbers=k, samples=task.args[0].samples,
-        projections=projections, time_constants=time_constants, regions=tuple(regions), speeds=speeds, frequency=frequency,
+        projections=projections, time_constants=time_constants,
+        regions=tuple(regions), speeds=speeds, frequency=frequency,
     )  # fmt: skip
 
 
