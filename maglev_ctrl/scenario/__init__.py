@@ -5,7 +5,7 @@ from maglev_ctrl.scenario.option_schema import OptionRecord
 from maglev_ctrl.scenario.problems import Problem, ScenarioProblems
 from maglev_ctrl.scenario.reader import load
 from maglev_ctrl.scenario.requirement_schema import RequirementRecord
-from maglev_ctrl.scenario.scenario_schema import Scenario
+from maglev_ctrl.scenario.scenario_schema import Scenario, with_solved_force
 from maglev_ctrl.scenario.schema_export import json_schema
 from maglev_ctrl.scenario.words import describe_option
 
@@ -22,4 +22,5 @@ __all__ = [
     "describe_option",
     "json_schema",
     "load",
+    "with_solved_force",
 ]

@@ -97,8 +97,8 @@ def _force_faults(scenario: Scenario, here: Layout) -> Iterator[Fault]:
             if isinstance(vehicle, DoubleL):
                 yield Fault(
                     ("forces", "model"),
-                    'expected "corner_image", "eddy_current", "table" or "coefficients": a double_l needs guidance forces, '
-                    "and image forces have none",
+                    'expected "corner_image", "eddy_current", "table" or "coefficients": a double_l needs guidance '
+                    "forces, and image forces have none",
                 )
         case CoefficientForces():
             yield from _matrix_faults(forces)

@@ -1,5 +1,6 @@
 """The one recipe of the whole flow: a scenario in, a comparison of its suspension options out."""
 
+from maglev_ctrl.study.eddy_current import solve_forces
 from maglev_ctrl.study.records import (
     Comparison,
     FloquetStudy,
@@ -20,4 +21,5 @@ __all__ = [
     "RootLocus",
     "Sweep",
     "run",
+    "solve_forces",
 ]

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from typing import assert_never
 
-from maglev_ctrl.forces import FitQuality, MagnetForces, TabulatedForce
+from maglev_ctrl.fields.section import CrossSection
+from maglev_ctrl.forces import Domain, FitQuality, MagnetForces, TabulatedForce
+from maglev_ctrl.forces.force_map import ForceMap
 from maglev_ctrl.scenario import Scenario
+from maglev_ctrl.scenario.eddy_current import section_of
 from maglev_ctrl.scenario.force_schema import CoefficientForces, CornerImageForces, ImageForces, TableForces
+from maglev_ctrl.scenario.guideway_schema import EddyCurrentForces
 from maglev_ctrl.vehicle import Vehicle
 
 
@@ -21,6 +25,8 @@ def describe_forces(scenario: Scenario, vehicle: Vehicle) -> tuple[str, ...]:
             return tuple(lines)
         case CornerImageForces():
             return ("Coil in a perfectly conducting corner: the limit of infinite speed, conservative, no drag.",)
+        case EddyCurrentForces():
+            return _eddy_current(forces, vehicle)
         case CoefficientForces():
             return ("Magnetic mass, damping and stiffness matrices as given (Eq. 11).",)
         case TableForces():
@@ -29,17 +35,63 @@ def describe_forces(scenario: Scenario, vehicle: Vehicle) -> tuple[str, ...]:
             assert_never(never)
 
 
+def domain_words(domain: Domain) -> str:
+    """The ranges of a force model, in a sentence.
+
+    Examples
+    --------
+    >>> domain_words(Domain(height=(0.005, 0.05), gap=None, speed=(10.0, 100.0)))
+    'Domain: height 5 to 50 mm, speed 36 to 360 km/h; nothing is extrapolated.'
+    """
+    gap = "" if domain.gap is None else f", gap {domain.gap[0] * 1e3:.4g} to {domain.gap[1] * 1e3:.4g} mm"
+    return (
+        f"Domain: height {domain.height[0] * 1e3:.4g} to {domain.height[1] * 1e3:.4g} mm{gap}, "
+        f"speed {domain.speed[0] * 3.6:.4g} to {domain.speed[1] * 3.6:.4g} km/h; nothing is extrapolated."
+    )
+
+
+def _eddy_current(forces: EddyCurrentForces, vehicle: Vehicle) -> tuple[str, ...]:
+    lines = [
+        "Eddy currents in the guideway's metal, finite elements in its cross-section for each wavenumber along the "
+        f"track ({forces.accuracy}); quasi-static: no damping by the magnets' own vertical or lateral motion.",
+        section_words(section_of(forces.guideway), forces.guideway.shape),
+        "Scaled so that the magnets lift the weight." if not forces.absolute else "Currents as given.",
+    ]
+    for model in (magnet.force for magnet in vehicle.magnets[:1]):
+        if isinstance(model, ForceMap):
+            lines += [map_words(model), domain_words(model.domain)]
+    return tuple(lines)
+
+
+def section_words(section: CrossSection, shape: str) -> str:
+    """A guideway's cross-section, in a sentence."""
+    low, high = section.bounds
+    across, up = (high - low) * 1e3
+    metals = sorted({one.conductivity for one in section.conductors})
+    metal = " and ".join(f"{value / 1e6:.4g} MS/m" for value in metals)
+    pieces = "" if len(section.conductors) == 1 else f", {len(section.conductors)} conductors"
+    return f"Guideway: {shape.replace('_', ' ')}, {across:.4g} mm across and {up:.4g} mm high{pieces}, {metal}."
+
+
+def map_words(found: ForceMap) -> str:
+    """How far a map is from the forces it was made of, in a sentence."""
+    q = found.quality
+    return (
+        f"A map of the forces, {q.nodes[0]} x {q.nodes[1]} x {q.nodes[2]} nodes: at {q.checks} points held back, ends "
+        f"of the ranges included, it is off by at most {100.0 * q.forces:.2g} % in lift or guidance, "
+        f"{100.0 * q.drag:.2g} % in drag, {100.0 * q.stiffness:.2g} % in a stiffness."
+    )
+
+
 def _table(forces: TableForces, vehicle: Vehicle) -> tuple[str, ...]:
     models = [magnet.force for magnet in vehicle.magnets if isinstance(magnet.force, TabulatedForce)]
     if not models:
         return ()
     table = models[0]
     quality, domain = table.quality, table.domain
-    gap = "" if domain.gap is None else f", gap {domain.gap[0] * 1e3:.4g} to {domain.gap[1] * 1e3:.4g} mm"
     return (
         f"Force table {forces.file}: {quality.samples} samples, {table.method} fit.",
-        f"Domain: height {domain.height[0] * 1e3:.4g} to {domain.height[1] * 1e3:.4g} mm{gap}, "
-        f"speed {domain.speed[0] * 3.6:.4g} to {domain.speed[1] * 3.6:.4g} km/h; nothing is extrapolated.",
+        domain_words(domain),
         f"Largest residual of the fit: {_parts(quality.residual_max)}.",
         _check(quality),
     )

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import platform
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Callable
+from contextlib import closing
 from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
@@ -16,16 +15,19 @@ from threadpoolctl import threadpool_limits
 
 from maglev_ctrl._version import __version__
 from maglev_ctrl.scenario import OptionRecord, Scenario, build_vehicle, describe_option
+from maglev_ctrl.study.eddy_current import solve_forces
 from maglev_ctrl.study.forces import describe_forces
 from maglev_ctrl.study.option import study_option
 from maglev_ctrl.study.records import Comparison, OptionStudy
 from maglev_ctrl.study.requirements import not_evaluated
 from maglev_ctrl.study.situation import OptionModel
+from maglev_ctrl.study.spread import one_blas_thread
 from maglev_ctrl.study.workers import Lost, shared
 
 Progress = Callable[[str, float], None]
 PACKAGES = ("numpy", "scipy", "matplotlib", "pydantic", "pint", "plotly", "typst")
-BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+_SOLVING = 0.4
+"""Share of the progress that goes to eddy-current forces not solved before."""
 
 
 def run(scenario: Scenario, *, jobs: int = 1, progress: Progress | None = None) -> Comparison:
@@ -53,6 +55,7 @@ def run(scenario: Scenario, *, jobs: int = 1, progress: Progress | None = None) 
         raise ValueError(f"jobs: expected one or more, got {jobs}")
     started = time.perf_counter()
     tell = progress or (lambda what, fraction: None)
+    scenario, tell = _with_forces(scenario, jobs, tell)
     options = scenario.options
     workers = min(jobs, len(options))
     studies = _serial(scenario, tell) if workers == 1 else _parallel(scenario, workers, tell)
@@ -74,6 +77,22 @@ def run(scenario: Scenario, *, jobs: int = 1, progress: Progress | None = None) 
     )
 
 
+def _with_forces(scenario: Scenario, jobs: int, tell: Progress) -> tuple[Scenario, Progress]:
+    """The scenario with eddy-current forces solved, and where the rest of the study's progress is told."""
+    reached = 0.0
+
+    def solving(what: str, fraction: float) -> None:
+        nonlocal reached
+        if _SOLVING * fraction >= reached + 0.05:  # a line now and then is enough
+            reached = _SOLVING * fraction
+            tell(f"forces: {what}", reached)
+
+    solved = solve_forces(scenario, jobs=jobs, progress=solving)
+    if reached == 0.0:
+        return solved, tell
+    return solved, lambda what, fraction: tell(what, _SOLVING + (1.0 - _SOLVING) * fraction)
+
+
 def _serial(scenario: Scenario, tell: Progress) -> dict[str, OptionStudy]:
     found: dict[str, OptionStudy] = {}
     count = len(scenario.options)
@@ -93,7 +112,7 @@ def _parallel(scenario: Scenario, workers: int, tell: Progress) -> dict[str, Opt
     found: dict[str, OptionStudy] = {}
     options = scenario.options
     tell(f"{len(options)} options on {workers} processes", 0.0)
-    with _one_blas_thread(), closing(shared(partial(study_option, scenario), options, workers=workers)) as results:
+    with one_blas_thread(), closing(shared(partial(study_option, scenario), options, workers=workers)) as results:
         for position, result in results:
             option = options[position]
             lost = isinstance(result, Lost)
@@ -112,21 +131,6 @@ def _unstudied(scenario: Scenario, option: OptionRecord, reason: str) -> OptionS
         requirements=tuple(not_evaluated(requirement, reason) for requirement in scenario.requirements), notes=(),
         seconds=0.0,
     )  # fmt: skip
-
-
-@contextmanager
-def _one_blas_thread() -> Iterator[None]:
-    """Environment for new processes, put back afterwards."""
-    before = {name: os.environ.get(name) for name in BLAS_THREADS}
-    os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
 
 
 def _versions() -> tuple[tuple[str, str], ...]:
