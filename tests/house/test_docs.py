@@ -19,13 +19,13 @@ DEV_VERBS = {"test", "lint", "docs", "bench", "setup"}
 
 
 def cli_verbs() -> set[str]:
-    """Names of the functions decorated with app.command() in the command line's module."""
-    tree = ast.parse((ROOT / "maglev_ctrl" / "cli.py").read_text(encoding="utf-8"))
+    """Names of the functions registered with app.command() in the command line's module, as decorators or by a call."""
+    text = (ROOT / "maglev_ctrl" / "cli.py").read_text(encoding="utf-8")
     return {
         node.name
-        for node in tree.body
+        for node in ast.parse(text).body
         if isinstance(node, ast.FunctionDef) and any("command" in ast.unparse(d) for d in node.decorator_list)
-    }
+    } | set(re.findall(r"^app\.command\(\)\((\w+)\)$", text, re.MULTILINE))
 
 
 def dev_verbs(text: str) -> set[str]:

@@ -100,8 +100,11 @@ def eddy_current(case: GuidewayCase) -> SolvedCase:
         length=COIL_LENGTH, width=COIL_WIDTH, current=CURRENT, lateral=0.5 * COIL_WIDTH, height=case.loop_height
     )
     solved = EddyCurrentForce.solve(
-        section, (coil,), height=SOLVED_RANGE, gap=SOLVED_RANGE, speed=SPEED_RANGE, frequency=HIGHEST_FREQUENCY
-    )
+        section, (coil,),
+        height=SOLVED_RANGE, gap=SOLVED_RANGE, speed=SPEED_RANGE, frequency=HIGHEST_FREQUENCY,
+        # Other cases are compared with the paper's to a tenth of a millimetre; only its own has to be better.
+        accuracy="draft" if case.question else "standard",
+    )  # fmt: skip
     mapped = Domain(height=MAPPED_RANGE, gap=MAPPED_RANGE, speed=(SPEED, SPEED))
     swift = ForceMap.of(replace(solved, domain=mapped))
     forces, stiffness = map_residuals(swift, solved)
