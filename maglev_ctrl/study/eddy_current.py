@@ -5,22 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import pi
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from maglev_ctrl.errors import ModelError
 from maglev_ctrl.fields.spread import Progress
-from maglev_ctrl.forces.eddy_current import FINENESS, Accuracy, EddyCurrentForce
-from maglev_ctrl.forces.force_map import ForceMap
 from maglev_ctrl.scenario import Scenario, with_solved_force
 from maglev_ctrl.scenario.eddy_current import coils_of, domain_of, section_of
 from maglev_ctrl.scenario.guideway_schema import EddyCurrentForces
 from maglev_ctrl.scenario.layout import layout
-from maglev_ctrl.study.force_cache import cache_key, keep_map, keep_response, kept_map, kept_response
 from maglev_ctrl.study.spread import spread_over
+
+if TYPE_CHECKING:  # finite elements take time to load, and most studies do without
+    from maglev_ctrl.forces.eddy_current import Accuracy, EddyCurrentForce
+    from maglev_ctrl.forces.force_map import ForceMap
 
 FREQUENCY: Final = 10.0 * 2.0 * pi
 """Highest frequency of the magnets' own motion that guideways are solved for, rad/s."""
-MAP_TOLERANCE: Final[dict[Accuracy, float]] = {"draft": 1e-2, "standard": 5e-3, "reference": 2e-3}
+MAP_TOLERANCE: Final[dict[str, float]] = {"draft": 1e-2, "standard": 5e-3, "reference": 2e-3}
 _SOLVING: Final = 0.7
 """Share of the time that solving takes; mapping takes the rest."""
 
@@ -58,6 +59,8 @@ def solve_forces(scenario: Scenario, *, jobs: int = 1, progress: Tell | None = N
     """
     if not isinstance(scenario.forces, EddyCurrentForces) or scenario.solved_force is not None:
         return scenario
+    from maglev_ctrl.study.force_cache import kept_map
+
     key, accuracy = _key(scenario, scenario.forces.accuracy), scenario.forces.accuracy
     found = kept_map(key)
     if found is None:
@@ -78,16 +81,15 @@ def solved_magnet(
     ------
     ModelError : the guideway cannot be solved, or the processes cannot start
     """
+    from maglev_ctrl.forces.eddy_current import FINENESS, EddyCurrentForce
+    from maglev_ctrl.study.force_cache import keep_map, keep_response, kept_map, kept_response
+
     forces = scenario.forces
     assert isinstance(forces, EddyCurrentForces)
     accuracy, tell = accuracy or forces.accuracy, progress or (lambda what, fraction: None)
     key = _key(scenario, accuracy)
-    section, coils, domain = (
-        section_of(forces.guideway),
-        coils_of(forces),
-        domain_of(scenario, layout(scenario.vehicle)),
-    )
-    spread = spread_over(jobs)
+    section, coils = section_of(forces.guideway), coils_of(forces)
+    domain, spread = domain_of(scenario, layout(scenario.vehicle)), spread_over(jobs)
     response = kept_response(key)
     if response is not None:
         exact = EddyCurrentForce(section, coils, response, FINENESS[accuracy], domain=domain)
@@ -109,6 +111,8 @@ def solved_magnet(
 
 
 def _key(scenario: Scenario, accuracy: Accuracy) -> str:
+    from maglev_ctrl.study.force_cache import cache_key
+
     forces = scenario.forces
     assert isinstance(forces, EddyCurrentForces)
     return cache_key(
