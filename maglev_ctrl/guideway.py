@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import pi
+from math import gcd, pi
 from typing import Literal
 
 import numpy as np
@@ -147,6 +147,57 @@ def _combinations(omega: FloatArray) -> list[tuple[float, ResonanceKind, tuple[i
             found.append((first + second, "sum", (i, j)))
             found.append((abs(first - second), "difference", (i, j)))
     return found
+
+
+@dataclass(frozen=True, slots=True)
+class CommonPeriod:
+    """A length that holds a whole number of two wavelengths: `cycles` (first, second) of them in `wavelength`, m.
+
+    Harmonic h of the first wavelength is harmonic h cycles[0] of the common one, and so for the second. `mismatch`:
+    how far the ratio of the wavelengths is from the ratio of whole numbers, relative.
+    """
+
+    wavelength: float
+    cycles: tuple[int, int]
+    mismatch: float
+
+
+def common_period(first: float, second: float, *, largest: int = 12, tolerance: float = 1e-6) -> CommonPeriod:
+    """The common period of two wavelengths of a guideway, where their ratio is one of small whole numbers.
+
+    Floquet theory needs one period. Where two have none in common the motion is quasi-periodic, and rounding their
+    ratio would put tongues where there are none.
+
+    Parameters
+    ----------
+    first, second : m
+    largest : largest whole number allowed, either side of the ratio
+    tolerance : relative mismatch allowed
+
+    Raises
+    ------
+    ValueError : a wavelength that is not positive, or a ratio that is not one of small whole numbers
+
+    Examples
+    --------
+    >>> common_period(25.0, 10.0)
+    CommonPeriod(wavelength=50.0, cycles=(2, 5), mismatch=0.0)
+    """
+    _require_wavelength(first)
+    _require_wavelength(second)
+    if largest < 1 or not 0.0 <= tolerance < 1.0:
+        raise ValueError(f"largest, tolerance: expected at least 1 and a fraction, got {largest} and {tolerance}")
+    candidates = [(m, n) for m in range(1, largest + 1) for n in range(1, largest + 1) if gcd(m, n) == 1]
+    m, n = min(candidates, key=lambda pair: abs(pair[0] * first / (pair[1] * second) - 1.0))
+    mismatch = abs(m * first / (n * second) - 1.0)
+    if mismatch > tolerance:
+        slower = max(first, second)
+        raise ValueError(
+            f"wavelengths {first:g} m and {second:g} m have no common period: their ratio {first / second:.9g} is not "
+            f"one of whole numbers up to {largest} within {tolerance:g} (nearest {n}/{m}, off by {mismatch:.2g}); "
+            f"treat the slower one ({slower:g} m, the lower passing frequency) alone"
+        )
+    return CommonPeriod(0.5 * (m * first + n * second), (m, n), mismatch)
 
 
 def _require_wavelength(wavelength: float) -> None:

@@ -1,7 +1,7 @@
 """Vehicles: bodies, magnets and connections, their equilibrium and their linear models."""
 
 from maglev_ctrl.vehicle import models
-from maglev_ctrl.vehicle.assembly import linearize, stiffness_modulation
+from maglev_ctrl.vehicle.assembly import ElementModulation, element_modulation, linearize, stiffness_modulation
 from maglev_ctrl.vehicle.elements import (
     DOF_NAMES,
     GUIDEWAY,
@@ -26,6 +26,7 @@ __all__ = [
     "Aerodynamics",
     "Body",
     "CoefficientElement",
+    "ElementModulation",
     "Equilibrium",
     "Magnet",
     "OperatingPoint",
@@ -33,6 +34,7 @@ __all__ = [
     "SpringDamper",
     "Vehicle",
     "as_feedback",
+    "element_modulation",
     "equilibrium",
     "generalized_force",
     "linearize",

@@ -113,6 +113,58 @@ def stiffness_modulation(
     ------
     ValueError : a wavelength that is not positive
     """
+    K, phase, amplitude = _modulated_shares(vehicle, at, wavelength, harmonics)
+    K_cos = np.einsum("hm,mij->hij", amplitude * np.cos(phase), K)
+    K_sin = np.einsum("hm,mij->hij", -amplitude * np.sin(phase), K)
+    return read_only(K_cos, name="K_cos"), read_only(K_sin, name="K_sin")
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ElementModulation:
+    """Modulated stiffness of every magnet and coefficient element for unit depth: `names` (E), `K_cos`, `K_sin`
+    (E, H, n, n); their sums over E are those of `stiffness_modulation`.
+    """
+
+    names: tuple[str, ...]
+    K_cos: FloatArray
+    K_sin: FloatArray
+
+
+def element_modulation(
+    vehicle: Vehicle, at: Equilibrium | OperatingPoint, *, wavelength: float, harmonics: Sequence[float] = (1.0,)
+) -> ElementModulation:
+    """The share of each magnet and coefficient element in `stiffness_modulation`.
+
+    Parameters
+    ----------
+    wavelength : m
+    harmonics : (H,) amplitudes of harmonics 1..H
+
+    Raises
+    ------
+    ValueError : a wavelength that is not positive
+
+    Examples
+    --------
+    >>> from maglev_ctrl.forces import ImageForce
+    >>> from maglev_ctrl.vehicle import models
+    >>> coil = ImageForce(1e5, 1.0, 2.5e7, 0.02, 1.0)
+    >>> car = models.heave_pitch_surge(20e3, pitch_inertia=1e5, spacing=6.0, force=coil, reference_height=0.1)
+    >>> found = element_modulation(car, OperatingPoint(40.0, 0.1), wavelength=12.0)
+    >>> found.names, np.abs(found.K_cos).max() < 1e-9 * np.abs(found.K_sin).max()     # a quarter wave before and behind
+    (('magnet_front', 'magnet_rear'), np.True_)
+    """
+    K, phase, amplitude = _modulated_shares(vehicle, at, wavelength, harmonics)
+    K_cos = np.einsum("hm,mij->mhij", amplitude * np.cos(phase), K)
+    K_sin = np.einsum("hm,mij->mhij", -amplitude * np.sin(phase), K)
+    names = tuple(e.name for e in vehicle.magnets) + tuple(e.name for e in vehicle.coefficient_elements)
+    return ElementModulation(names, read_only(K_cos, name="K_cos"), read_only(K_sin, name="K_sin"))
+
+
+def _modulated_shares(
+    vehicle: Vehicle, at: Equilibrium | OperatingPoint, wavelength: float, harmonics: Sequence[float]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Stiffness (E, n, n) of the elements that meet the guideway's pattern, their phases (H, E) and amplitudes."""
     if not (np.isfinite(wavelength) and wavelength > 0.0):
         raise ValueError(f"wavelength: expected a positive length, got {wavelength}")
     state = at if isinstance(at, Equilibrium) else equilibrium(vehicle, at)
@@ -124,10 +176,7 @@ def stiffness_modulation(
     measured = [coefficient_share(e, vehicle, speed=state.at.speed).K for e in vehicle.coefficient_elements]
     K = np.concatenate([magnet_stiffness(fields), np.array(measured).reshape(-1, *fields.motion.shape[2:] * 2)])
     phase = 2.0 * np.pi * orders[:, None] * np.asarray(stations) / wavelength
-    amplitude = np.asarray(harmonics, dtype=np.float64)[:, None]
-    K_cos = np.einsum("hm,mij->hij", amplitude * np.cos(phase), K)
-    K_sin = np.einsum("hm,mij->hij", -amplitude * np.sin(phase), K)
-    return read_only(K_cos, name="K_cos"), read_only(K_sin, name="K_sin")
+    return K, phase, np.asarray(harmonics, dtype=np.float64)[:, None]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
