@@ -1,7 +1,8 @@
 """What a constant gain can do for a periodic system, and how much a periodic one is better.
 
 The constant gains are the linear-quadratic regulator of the averaged system and a local optimum of the periodic cost,
-reached by the steps of Anderson and Moore (Optimal Control (1990), ch. 8) with periodic Lyapunov equations.
+reached by the steps of Anderson and Moore (P. M. Mäkilä, H. T. Toivonen, IEEE Trans. Autom. Control 32 (1987) 658)
+with periodic Lyapunov equations.
 """
 
 from __future__ import annotations
@@ -252,7 +253,8 @@ def law_map(
     frequency = np.array([float(system.frequency) for system in systems])
     return resonance_map(
         A_0, waves[0], waves[1], frequency, np.asarray(depths, dtype=float),
-        parameter=np.asarray(parameter, dtype=float), parameter_name=parameter_name, states=systems[0].states, checks=checks, seeds=seeds,
+        parameter=np.asarray(parameter, dtype=float), parameter_name=parameter_name, states=systems[0].states,
+        checks=checks, seeds=seeds,
     )  # fmt: skip
 
 
