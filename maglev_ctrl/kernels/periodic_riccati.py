@@ -172,7 +172,8 @@ def periodic_riccati(
             pieces = structured(_transitions(problem, segments))
             whole = over_period(pieces)
             size = 1.0 + float(np.linalg.norm(whole.H))
-            for weight in (0.0, size, 1e3 * size):
+            # without G nothing can turn a growing motion round, so a final weight has nothing to find
+            for weight in (0.0, size, 1e3 * size) if np.any(problem.G.magnitude()) else (0.0,):
                 found = _settled(pieces, whole, weight)
                 if found is not None:
                     P, closed, closure, doublings = found

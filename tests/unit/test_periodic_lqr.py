@@ -154,6 +154,27 @@ def test_a_motion_moved_only_by_the_modulated_input_is_accepted():
     assert law.require().certificate.spectral_radius < 1.0
 
 
+@pytest.mark.parametrize("reach", [1e-2, 1e-6, 1e-10])
+def test_a_weak_reach_is_used_and_none_is_refused(reach):
+    system = PeriodicSystem.from_matrices(np.diag([0.1, -1.0]), [np.diag([0.2, 0.3])], frequency=5.0)
+    problem = PeriodicProblem.of(system, [[reach], [1.0]], np.eye(2), [[1.0]])
+    if reach > 1e-9:
+        assert periodic_lqr(problem).require().certificate.residual < 1e-9
+    else:
+        with pytest.raises(ModelError, match=r"cannot move the motion with multiplier 1\.1339 "):
+            periodic_lqr(problem)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_random_systems_with_periodic_inputs_are_certified(seed):
+    rng = np.random.default_rng(seed)
+    A, B = rng.standard_normal((4, 4)), rng.standard_normal((4, 2))
+    waves = 0.7 * rng.standard_normal((2, 2, 4, 4))
+    system = PeriodicSystem.from_matrices(A, waves[0], waves[1], frequency=2.0 + seed)
+    problem = PeriodicProblem.of(system, B, np.eye(4), np.eye(2), B_cos=0.4 * rng.standard_normal((1, 4, 2)))
+    assert not periodic_lqr(problem).require().notes
+
+
 @pytest.mark.parametrize(
     ("change", "told"),
     [
