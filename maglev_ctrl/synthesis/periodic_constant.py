@@ -140,8 +140,8 @@ def constant_lqr(
     """Constant gains for the regulator's problem: the averaged design, and a local optimum of the periodic cost.
 
     The refinement starts from the better of two gains, that of the averaged system and the mean of the periodic gain,
-    and goes down the mean cost over starting phases and states. A local optimum: others may exist. Where neither start is
-    stable nothing is refined and only the averaged design comes back.
+    and goes down the mean cost over starting phases and states. A local optimum: others may exist. Where neither start
+    is stable nothing is refined and only the averaged design comes back.
 
     Parameters
     ----------
