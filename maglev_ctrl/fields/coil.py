@@ -126,14 +126,14 @@ class CoilGroup:
                 for c in self.coils)
         )  # fmt: skip
 
-    def line(self, gap: float, height: float, points: int) -> CoilLine:
-        """Quadrature along the coil's line in the cross-section."""
+    def line(self, gap: float, height: float, points: int, *, pivot: FloatArray | None = None) -> CoilLine:
+        """Quadrature along the coil's line in the cross-section; `pivot` (2,) m is where the magnet turns about, by
+        default the line's middle."""
         coil = self.coils[0]
         start, end = coil.sides(gap, height)
         x, w = np.polynomial.legendre.leggauss(points)
         places = start[:, None] + 0.5 * (x + 1.0) * (end - start)[:, None]
-        # The magnet turns about the middle of its own coil's line.
-        lever = places - 0.5 * (start + end)[:, None]
+        lever = places - (0.5 * (start + end) if pivot is None else pivot)[:, None]
         normal = np.array([-np.sin(coil.roll), np.cos(coil.roll)])
         return CoilLine(places=places, lever=lever, weights=0.5 * w * coil.width, normal=normal)
 

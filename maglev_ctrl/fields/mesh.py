@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +54,10 @@ class Triangulation:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Spacing:
-    """Edge length wanted: finest at corners, growing with distance from them, capped in metal, growing on in air."""
+    """Edge length wanted: finest at corners, growing with distance from them, capped in metal, growing on in air.
+
+    `local` is a further cap on it, where there is one.
+    """
 
     section: CrossSection
     corners: FloatArray
@@ -62,6 +66,7 @@ class Spacing:
     growth: float
     air_growth: float
     coarsest: float
+    local: Callable[[FloatArray], FloatArray] | None = None
 
     def __call__(self, points: FloatArray) -> FloatArray:
         """Edge length wanted at points (n, 2), m."""
@@ -75,6 +80,8 @@ class Spacing:
             )
         else:
             wanted += self.air_growth * to_metal
+        if self.local is not None:
+            wanted = np.minimum(wanted, self.local(points))
         return np.asarray(np.minimum(wanted, self.coarsest))
 
 
@@ -86,6 +93,7 @@ def triangulate(
     growth: float = 0.3,
     air_radius: float | None = None,
     air_growth: float | None = None,
+    local: Callable[[FloatArray], FloatArray] | None = None,
 ) -> Triangulation:
     """Triangles of the section's conductors and of a disk of air about the middle of the section.
 
@@ -100,6 +108,7 @@ def triangulate(
     air_radius : m; None for 0.5 m, or six times the section's size where that is more
     air_growth : how much it grows per metre of distance from metal, up to a sixth of the radius; None for twice
         `growth`, because the field is smooth there
+    local : largest edge length (n,) at points (n, 2), m; it should not change faster than `growth`
 
     Raises
     ------
@@ -115,6 +124,7 @@ def triangulate(
     True
     """
     spacing, ring = _plan(section, finest, in_conductor, growth, air_radius, air_growth)
+    spacing = replace(spacing, local=local)
     cloud = _outlines(section, spacing, ring)
     smallest = min(0.05 * finest, 0.2 * _narrowest(section, spacing))
     refine(cloud, spacing, smallest=smallest, angle=0.0)

@@ -28,14 +28,20 @@ from maglev_ctrl.fields.spread import Progress, Spread, in_order, one_by_one
 from maglev_ctrl.fields.wavenumbers import gauss_points, panels
 
 
+_SKIN_DEPTHS = 2.5
+"""Edge length in metal as a share of the skin depth, before `Fineness.in_conductor`."""
+_AIR_GROWTH = 0.7
+"""How fast edges grow with the distance from metal."""
+
+
 @dataclass(frozen=True, slots=True)
 class Fineness:
     """How finely a guideway is solved.
 
     Parameters
     ----------
-    finest, in_conductor : edge lengths at corners and in the metal, as shares of the coils' least clearance; in the
-        metal at most 2.5 times that share of the skin depth of the shortest waves that matter at the highest speed
+    finest, in_conductor : edge lengths at corners, as a share of the coils' least clearance, and elsewhere, as a share
+        of the distance from where coils may be, and of 2.5 times the skin depth of waves of that length at top speed
     order : polynomial order of the elements
     points : Gauss points on each panel of wavenumbers
     tolerance : relative error of a coil's potential in the basis of sources
@@ -124,16 +130,37 @@ def _prepared(
     clearance = min(_clearance(section, region) for region in regions)
     ends = panels(clearance, section.size)
     conductivities = np.array([conductor.conductivity for conductor in section.conductors])
-    skin_depth = float(np.sqrt(2.0 * clearance / (MU_0 * np.max(conductivities) * (speeds[1] + frequency * clearance))))
-    in_conductor = fineness.in_conductor * min(clearance, 2.5 * skin_depth)
-    finest = min(fineness.finest * clearance, in_conductor)
-    mesh = triangulate(section, finest=finest, in_conductor=in_conductor, growth=0.5)
+    spacing = partial(
+        _local_spacing,
+        section=section,
+        regions=tuple(regions),
+        share=fineness.in_conductor,
+        induction=MU_0 * float(np.max(conductivities)) * (speeds[1] + frequency * clearance),
+    )
+    coarsest = max(8.0 * clearance, 0.1 * section.size)
+    mesh = triangulate(
+        section, finest=fineness.finest * clearance, in_conductor=coarsest, growth=0.5, local=spacing
+    )  # fmt: skip
     task = partial(
         current_patterns, discretize(mesh, conductivities, order=order),
         candidates=np.concatenate([_dipole_places(region, clearance) for region in regions], axis=1),
         speeds=speeds, frequency=frequency, fineness=fineness,
     )  # fmt: skip
     return ends, gauss_points(ends, fineness.points), task
+
+
+def _local_spacing(
+    points: FloatArray, *, section: CrossSection, regions: tuple[Region, ...], share: float, induction: float
+) -> FloatArray:
+    """Edge length at points (n, 2): fields of length d, the distance from the coils, and their skin depth; m."""
+    away = np.full(len(points), np.inf)
+    for (left, right), (low, high) in regions:
+        y, z = points.T
+        dy, dz = np.maximum(np.maximum(left - y, y - right), 0.0), np.maximum(np.maximum(low - z, z - high), 0.0)
+        away = np.minimum(away, np.hypot(dy, dz))
+    in_metal = share * np.minimum(away, _SKIN_DEPTHS * np.sqrt(2.0 * away / induction))
+    # The reaction field in the air, also between the coils, is the smoother the farther from the metal.
+    return np.asarray(in_metal + _AIR_GROWTH * np.maximum(section.distance(points), 0.0))
 
 
 def _rates(wavenumber: float, speeds: tuple[float, float], frequency: float, per_decade: float) -> list[float]:

@@ -35,15 +35,16 @@ from maglev_ctrl.forces.force_map import ForceMap
 
 Accuracy = Literal["draft", "standard", "reference"]
 FINENESS: dict[Accuracy, Fineness] = {
-    "draft": Fineness(0.5, 1.2, 3, points=3, tolerance=1e-5, rates_per_decade=1.0),
-    "standard": Fineness(0.4, 1.0, 3, points=4, tolerance=1e-6, rates_per_decade=1.5),
-    "reference": Fineness(0.25, 0.6, 3, points=6, tolerance=1e-7, rates_per_decade=2.0),
+    "draft": Fineness(0.5, 0.6, 3, points=3, tolerance=1e-5, rates_per_decade=1.0),
+    "standard": Fineness(0.3, 0.45, 3, points=4, tolerance=1e-6, rates_per_decade=1.5),
+    "reference": Fineness(0.2, 0.3, 3, points=6, tolerance=1e-7, rates_per_decade=2.0),
 }
 """How finely a guideway is solved. Largest errors found at the very corners of a map from 3 mm of gap and 5 mm of
 height: draft 0.2 % of a force and 0.4 % of a stiffness, standard 0.02 % and 0.06 %."""
 
 MOTIONS = ("surge", "sway", "heave", "roll")
-"""Motions of `motion_stiffness`: forwards, away from the wall, up, and turning y towards z about the coil's middle."""
+"""Motions of `motion_stiffness`: forwards, away from the wall, up, and turning y towards z about the middle of the first
+coil; the coils of a magnet move as one body."""
 _SECOND = {(1, 1): 4, (1, 2): 5, (1, 3): 6, (2, 2): 7, (2, 3): 8, (3, 3): 9}
 
 
@@ -131,7 +132,7 @@ class EddyCurrentForce(AbstractForceModel):
         return MagnetForces(lift=lift, guidance=guidance, drag=drag).scaled(self.strength)
 
     def roll_torque(self, height: ArrayLike, gap: ArrayLike | None, speed: ArrayLike) -> FloatArray:
-        """Torque about x on one magnet, y towards z, about the middle of its coil; (...) N m."""
+        """Torque about x on one magnet, y towards z, about the middle of its first coil; (...) N m."""
         return np.asarray(self.strength * self._each(height, gap, speed, self._steady, order=1)[..., 3])
 
     def derivatives(self, height: ArrayLike, gap: ArrayLike | None, speed: ArrayLike) -> MagnetDerivatives:
@@ -292,10 +293,10 @@ class EddyCurrentForce(AbstractForceModel):
 
     def _potentials(self, height: float, gap: float | None, *, order: int) -> list[FloatArray]:
         """Potentials of every coil group at the samples; (1, 4 or 10, n, m) each."""
-        found = []
+        found, beside, first = [], 0.0 if gap is None else gap, self.coils[0]
+        pivot = np.array([beside + first.lateral, height + first.height])
         for group in self._groups:
-            beside = 0.0 if gap is None else gap
-            line = group.line(beside, height, line_points(group, beside, height, self.response.samples))
+            line = group.line(beside, height, line_points(group, beside, height, self.response.samples), pivot=pivot)
             found.append(dipole_potential(self.response.wavenumbers, self.response.samples, line, order=order))
         return found
 
