@@ -27,7 +27,6 @@ from maglev_ctrl.fields.section import CrossSection
 from maglev_ctrl.fields.spread import Progress, Spread, in_order, one_by_one
 from maglev_ctrl.fields.wavenumbers import gauss_points, panels
 
-
 _SKIN_DEPTHS = 2.5
 """Edge length in metal as a share of the skin depth, before `Fineness.in_conductor`."""
 _AIR_GROWTH = 0.7

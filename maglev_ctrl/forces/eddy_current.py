@@ -43,8 +43,8 @@ FINENESS: dict[Accuracy, Fineness] = {
 height: draft 0.2 % of a force and 0.4 % of a stiffness, standard 0.02 % and 0.06 %."""
 
 MOTIONS = ("surge", "sway", "heave", "roll")
-"""Motions of `motion_stiffness`: forwards, away from the wall, up, and turning y towards z about the middle of the first
-coil; the coils of a magnet move as one body."""
+"""Motions of `motion_stiffness`: forwards, away from the wall, up, and turning y towards z about the middle of the
+first coil; the coils of a magnet move as one body."""
 _SECOND = {(1, 1): 4, (1, 2): 5, (1, 3): 6, (2, 2): 7, (2, 3): 8, (3, 3): 9}
 
 
