@@ -261,20 +261,15 @@ def _verified(
             return [SpeedRange(left, right, "unresolved", (), max(growth), "the engines do not confirm the growth")]
         names = tuple(dict.fromkeys(referee.name(v) for v in sorted(decided)))
         return [SpeedRange(left, right, "no-go", names, max(growth), "")]
-    asked = {*tops[:_TOPS_CHECKED], *(float(v) for v in checks if left <= v <= right and float(v) in track.points)}
-    doubts = sorted(v for v in asked if referee.decide(v).stable is not True)
+    asked = {left, right, *tops[:_TOPS_CHECKED], *(float(v) for v in checks if left <= v <= right)}
+    places = sorted(v for v in asked if left <= v <= right)
+    # What lies between two speeds is told safe only where both engines found both of them stable.
+    stable = [referee.decide(v).stable is True for v in places]
     rows: list[SpeedRange] = []
-    for v in doubts:
-        k = inside.index(v) if v in inside else int(np.searchsorted(inside, v))
-        low, high = max(inside[max(k - 1, 0)], left), min(inside[min(k + 1, len(inside) - 1)], right)
-        low, high = (left if k == 0 else low), (right if k >= len(inside) - 1 else high)
-        if low > left:
-            rows.append(SpeedRange(left, low, "go", (), max(growth), ""))
-        reason = "the engines do not decide"
-        rows.append(SpeedRange(min(low, left) if low < left else low, high, "unresolved", (), max(growth), reason))
-        left = high
-    if left < right or not rows:
-        rows.append(SpeedRange(left, right, "go", (), max(growth), ""))
+    for (low, calm), (high, still) in pairwise(zip(places, stable, strict=True)):
+        top = max((track.points[v].growth for v in inside if low <= v <= high), default=max(growth))
+        row = SpeedRange(low, high, "go", (), top, "")
+        rows.append(row if calm and still else replace(row, verdict="unresolved", reason="the engines do not decide"))
     return rows
 
 

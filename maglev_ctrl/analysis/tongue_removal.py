@@ -31,7 +31,7 @@ from maglev_ctrl.errors import Agreement
 from maglev_ctrl.systems import PeriodicSystem, SecondOrderSystem
 from maglev_ctrl.vehicle import ElementModulation
 
-_WIDER = 1.01  # a half-width beyond this times the present one is warned of
+_WIDER = 1.05  # a half-width beyond this times the present one is warned of; equal ratios alone make some of it
 _BRACKETS = (1e-5, 1e-4, 1e-3, 1e-2)  # relative distances from the removing damping at which the engines are asked
 
 
@@ -324,8 +324,12 @@ def _removal(pair: _Pair, modes: tuple[int, ...], share: tuple[float, float], la
     def added(ratio: float) -> tuple[float, float]:
         return ratio * weight[0], ratio * weight[1]
 
+    known: dict[float, float] = {}
+
     def growth(ratio: float) -> float:
-        return pair.peak(added(ratio))[0]
+        if ratio not in known:
+            known[ratio] = pair.peak(added(ratio))[0]
+        return known[ratio]
 
     widening, warning = _widening(pair, weight, min(closed, largest), modes)
 
@@ -342,7 +346,7 @@ def _removal(pair: _Pair, modes: tuple[int, ...], share: tuple[float, float], la
             still = pair.confirmed(added(largest), gone=False)
             return told(largest, float("inf")) if still else told(nan, nan, False)
         top = min(2.0 * top, largest)
-    ratio = float(brentq(growth, 0.0, top, xtol=1e-9 * top, rtol=1e-9))
+    ratio = float(brentq(growth, 0.0, top, xtol=1e-7 * top, rtol=1e-7))
     for apart in _BRACKETS:
         low, high = ratio * (1.0 - apart), ratio * (1.0 + apart)
         if pair.confirmed(added(low), gone=False) and pair.confirmed(added(high), gone=True):
