@@ -92,7 +92,7 @@ def test_the_papers_kinematics_make_a_false_flutter_band() -> None:
 
 def test_consistent_kinematics_have_no_flutter_but_roll_diverges() -> None:
     """The mutant of the test above, which asks for the band, is the true vehicle: it has none."""
-    scenario = load(PAPER / "double_l.toml")
+    scenario = load(PAPER / "double_l_corner_image.toml")
     ((value, direction),) = crossings(scenario, "bare", "height")
     assert direction == "loses"
     assert 1e3 * value == pytest.approx(ROLL_DIVERGENCE, abs=1.0)
@@ -117,7 +117,7 @@ def test_the_false_flutter_is_named_coupled_mode_flutter() -> None:
 
 def test_a_damper_feeds_the_false_flutter_and_calms_the_true_vehicle() -> None:
     """Ziegler's paradox needs a circulatory matrix; the corner's field has none."""
-    for file, growing in (("double_l_paper_kinematics.toml", True), ("double_l.toml", False)):
+    for file, growing in (("double_l_paper_kinematics.toml", True), ("double_l_corner_image.toml", False)):
         scenario = load(PAPER / file)
         record = next(one for one in scenario.options if one.name == "both_dampers")
         found = modes(OptionModel(scenario, record).plant(Situation.of_design(scenario)))
