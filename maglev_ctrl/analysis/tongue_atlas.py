@@ -312,7 +312,7 @@ def _crossing(track: Track, referee: _Referee, one: Crossing, located: float, on
         couplings = modal_harmonics(modes, system.A_cos, system.A_sin)
         product = complex(couplings[one.order][first, second] * couplings[-one.order][second, first])
         a, b = (0.0 if abs(s.real) <= _UNDAMPED * abs(s) else -float(s.real) for s in modes.s[[first, second]])
-        half = pair_interval(a, b, product)[1] / one.order / _slope(track, one)
+        half = float(pair_interval(a, b, product)[1] / one.order / _slope(track, one))
     there = track.point(located)
     assert there.system is not None
     exponents, agreed = there.exponents, True

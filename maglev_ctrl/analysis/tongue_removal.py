@@ -58,7 +58,9 @@ class Removal:
 class TongueRemoval:
     """One tongue at one depth: its `name`, `frequency` (rad/s) of exact resonance, `growth` (1/s) at its peak.
 
-    `equal`: the same ratio added to both modes. `alone`: to either mode of a combination tongue alone.
+    `equal`: the same ratio added to both modes. `alone`: to either mode of a combination tongue alone. `crowd`: other
+    tongues present within its width; their exponents mix with this pair's, and the exact values speak of the two
+    exponents nearest to it.
     """
 
     name: str
@@ -68,6 +70,7 @@ class TongueRemoval:
     growth: float
     equal: Removal
     alone: tuple[Removal, ...]
+    crowd: tuple[str, ...]
 
 
 def tongue_removals(
@@ -135,7 +138,24 @@ def tongue_removal(
         _removal(pair, (low,), pair.weights_of(low), largest), _removal(pair, (high,), pair.weights_of(high), largest)
     )  # fmt: skip
     name = make_resonance(kind, order, (low, high), first.labels, frequency=pair.frequency).name
-    return TongueRemoval(name, crossing, depth, pair.frequency, pair.peak((0.0, 0.0))[0], equal, alone)
+    return TongueRemoval(name, crossing, depth, pair.frequency, pair.peak((0.0, 0.0))[0], equal, alone,
+                         _crowd(at_depth, crossing, 2.0 * float(np.sqrt(abs(pair.product))) / order))  # fmt: skip
+
+
+def _crowd(system: PeriodicSystem, crossing: Crossing, reach: float) -> tuple[str, ...]:
+    """Names of the other tongues present at this depth whose centres lie within `reach` (rad/s) of this one's."""
+    modes = state_modes(system.A_0, states=system.states)
+    names = []
+    for kind, i, j in resonant_pairs(len(modes.oscillating)):
+        for order in range(1, 2 * len(system.A_cos) + 1):
+            frequency = pair_indices(modes, kind, i, j)[2] / order
+            same = (kind, (i, j), order) == (crossing.kind, crossing.modes, crossing.order)
+            if same or abs(frequency - crossing.at) > reach:
+                continue
+            known = pair_at(system, Crossing(kind, (i, j), order, frequency))
+            if known is not None and known[0].critical(1.0) <= 1.0:
+                names.append(make_resonance(kind, order, (i + 1, j + 1), modes.labels, frequency=frequency).name)
+    return tuple(names)
 
 
 def element_terms(system: SecondOrderSystem, modulation: ElementModulation) -> dict[str, tuple[FloatArray, FloatArray]]:
