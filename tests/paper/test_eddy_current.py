@@ -80,7 +80,7 @@ def test_the_fourier_integral_of_a_perfect_plate_is_neumanns_force_of_the_image(
 ) -> None:
     by_fourier = PlateCoils([Placed(COIL, 0.0, height)], perfect, count=16, reach=22.0).forces(30.0)[2]
     assert by_fourier == pytest.approx(image_lift(COIL, height), rel=1e-9)
-    assert by_fourier == pytest.approx(published, abs=5.1e-8)
+    assert by_fourier == pytest.approx(published, rel=1e-8)
     assert by_fourier != pytest.approx(image_lift(COIL, height * (1.0 + 1e-8)), rel=1e-9)
 
 
@@ -107,20 +107,17 @@ def test_a_thin_sheet_drags_by_w_over_v_and_is_the_limit_of_slabs() -> None:
     assert apart[0] == pytest.approx(2.0 * apart[1], rel=0.01) and abs(apart[0]) < 0.01
 
 
-def damping_changes_sign_at(width: float, length: float, low: float, high: float) -> float:
-    """v/w from which a coil 15.9 mm over a thin sheet has negative heave damping."""
-    coil = replace(COIL, width=width, length=length)
-    sheet, w = PlateCoils([Placed(coil, 0.0, 15.875e-3)], thin_sheet(10.0)), 0.5
-    for _ in range(12):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if sheet.motion_stiffness(10.0 * middle, w)[2, 2].imag < 0.0 else (low, middle)
-    return 0.5 * (low + high)
+def heave_damping(coil: RectangularCoil, share: float) -> float:
+    """c of heave 15.9 mm over a thin sheet at v = share w; positive is negative damping."""
+    sheet = PlateCoils([Placed(coil, 0.0, 15.875e-3)], thin_sheet(10.0))
+    return float(sheet.motion_stiffness(10.0 * share, 0.5)[2, 2].imag)
 
 
 def test_heave_damping_changes_sign_for_coils_wide_across_the_track() -> None:
-    assert damping_changes_sign_at(50.8e-3, 25.4e-3, 1.0, 4.0) == pytest.approx(2.0, abs=0.1)
-    assert damping_changes_sign_at(101.6e-3, 25.4e-3, 1.0, 4.0) == pytest.approx(1.4, abs=0.08)
-    assert damping_changes_sign_at(25.4e-3, 50.8e-3, 1.0, 20.0) > 19.9  # never for the magnet of the paper
+    for width, share in ((50.8e-3, 2.0), (101.6e-3, 1.4)):
+        across = replace(COIL, width=width, length=25.4e-3)
+        assert heave_damping(across, share - 0.1) < 0.0 < heave_damping(across, share + 0.1)
+    assert heave_damping(COIL, 2.1) < 0.0 and heave_damping(COIL, 20.0) < 0.0  # never for the magnet of the paper
 
 
 # -- A wide plate ----------------------------------------------------------------------------------------------------
@@ -333,9 +330,9 @@ def test_a_slit_matters_and_a_far_conductor_does_not() -> None:
 
 def test_a_channel_is_the_same_from_both_walls() -> None:
     section = CrossSection.channel(width=0.08, wall=0.04, thickness=8e-3, conductivity=2e7)
-    left, middle, right = (small(section, gap=y) for y in (0.025, 0.04, 0.055))
+    left, right = (small(section, gap=y) for y in (0.025, 0.055))
     np.testing.assert_allclose(left * [1, -1, 1], right, rtol=3e-3)
-    assert left[1] > 0.0 and abs(middle[1]) < 2e-3 * middle[0]
+    assert left[1] > 0.1 * left[0]  # the nearer wall repels
 
 
 # -- Maps ------------------------------------------------------------------------------------------------------------
