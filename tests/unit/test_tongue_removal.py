@@ -124,6 +124,15 @@ def test_second_order_tongue_is_removed_too() -> None:
     assert found.equal.closed_form == pytest.approx(found.equal.safe, rel=0.05)
 
 
+def test_tongues_at_one_place_name_each_other() -> None:
+    """Two bogies of nearly one frequency: 2 w1, w1 + w2 and 2 w2 lie within each other's width."""
+    plant = SecondOrderSystem.from_matrices(np.eye(2), 1e-3 * np.eye(2), np.diag([1.0, 1.002]))
+    unit = modulate(plant, [[[0.5, 0.2], [0.2, 0.6]]], frequency=2.0)
+    found = tongue_removal(unit, "sum", (1, 2), order=1, depth=0.1)
+    assert [name.split(" (")[0] for name in found.crowd] == ["2 w1/1", "2 w2/1"]
+    assert tongue_removal(two_modes(SUM, (1e-3, 1e-3)), "sum", (1, 2), order=1, depth=0.05).crowd == ()
+
+
 def test_a_stable_pair_needs_nothing() -> None:
     found = tongue_removal(two_modes(SUM, (0.2, 0.2)), "sum", (1, 2), order=1, depth=0.05)
     assert found.equal.safe == 0.0 and found.equal.closed_form == 0.0
