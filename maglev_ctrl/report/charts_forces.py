@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.report.chart import Area, Axis, Chart, Heat, Item, Line, Marks, Note, Panel, Rule, Span
-from maglev_ctrl.report.style import FADED, FAIL_COLOUR, PALETTE, number
+from maglev_ctrl.report.style import FADED, FAIL_COLOUR, PALETTE
 from maglev_ctrl.study.force_survey import Damping, ForceSurvey, Geometry
 
 _MM: Final = 1e3
@@ -206,13 +206,13 @@ def map_chart(found: ForceSurvey, name: str) -> Chart | None:
     levels = _levels(low, high)
     shades = Heat(x, y, np.clip(values, low, high).T, f"{name} (N)", low, high)
     items: list[Item] = [shades]
-    for level in levels:
+    for place, level in enumerate(levels):
         for piece in _contours(x, y, values.T, level):
             items.append(Line(piece[:, 0], piece[:, 1], colour="#ffffff", width=0.8))
         longest = max(_contours(x, y, values.T, level), key=len, default=None)
         if longest is not None and len(longest) > 6:
-            at = longest[len(longest) // 2]
-            items.append(Note(float(at[0]), float(at[1]), number(level), horizontal="center", boxed=True))
+            at = longest[int(len(longest) * (0.2 + 0.15 * (place % 5)))]  # side by side they would cover each other
+            items.append(Note(float(at[0]), float(at[1]), f"{level:g}", horizontal="center", boxed=True))
     items.append(Marks(np.array([found.height * _MM]), np.array([found.gap * _MM]), "diamond", colour=FAIL_COLOUR))
     edge = (float(x[0]), float(x[-1])), (float(y[0]), float(y[-1]))
     clipped = " Above the scale's end the colour stays the same." if values.max() > high else ""
@@ -244,6 +244,7 @@ def section_chart(found: ForceSurvey, geometry: Geometry) -> Chart:
         name = "coil" if place == 0 else ""
         items.append(Line(ends[:, 0], ends[:, 1], name, colour=FAIL_COLOUR, width=2.2))
         items.append(Marks(ends[:, 0], ends[:, 1], "circle", colour=FAIL_COLOUR, size=4.0))
+    items += _dimensions(found, geometry)
     triangles = int(np.sum(mesh.conductor >= 0))
     words = f"{found.height * _MM:.4g} mm" + ("" if found.gap is None else f", gap {found.gap * _MM:.4g} mm")
     x = (float(low[0]) - room, float(high[0]) + room)
@@ -260,6 +261,22 @@ def section_chart(found: ForceSurvey, geometry: Geometry) -> Chart:
         panels=(Panel(tuple(items), Axis("y (mm)", limits=x), Axis("z (mm)", limits=y), equal=True),),
         panel_height=float(np.clip(width_in * (y[1] - y[0]) / (x[1] - x[0]), 0.7, 3.6)),
     )  # fmt: skip
+
+
+def _dimensions(found: ForceSurvey, geometry: Geometry) -> list[Item]:
+    """Height and gap as they are measured: to the magnet's bottom and side face, from z = 0 and y = 0."""
+    sides = np.concatenate(geometry.coils) * _MM
+    middle, h = float(np.mean(sides[:, 0])), found.height * _MM
+    across = np.array([middle, middle])
+    items: list[Item] = [
+        Line(across, np.array([0.0, h]), "height, gap", dash="dash", width=0.9),
+        Note(middle, 0.5 * h, f" h = {h:.4g}"),
+    ]
+    if found.gap is not None:
+        g, level = found.gap * _MM, float(np.mean(sides[:, 1]))
+        items.append(Line(np.array([0.0, g]), np.array([level, level]), dash="dash", width=0.9))
+        items.append(Note(0.5 * g, level, f"g = {g:.4g}", horizontal="center", vertical="bottom"))
+    return items
 
 
 def _edges(points: FloatArray, triangles: NDArray[np.intp]) -> Line:

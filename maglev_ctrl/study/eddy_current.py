@@ -34,7 +34,17 @@ class SolvedMagnet:
 
     exact: EddyCurrentForce
     map: ForceMap
-    accuracy: Accuracy
+    key: str
+
+    def error(self) -> float:
+        """Estimated error of the exact forces, relative, found by solving some wavenumbers again, finer."""
+        from maglev_ctrl.study.force_cache import keep_error, kept_error
+
+        error = kept_error(self.key)
+        if error is None:
+            error = self.exact.refinement()
+            keep_error(self.key, error)
+        return error
 
 
 def solve_forces(scenario: Scenario, *, jobs: int = 1, progress: Tell | None = None) -> Scenario:
@@ -107,7 +117,7 @@ def solved_magnet(
         tolerance = MAP_TOLERANCE[accuracy]
         found = exact.map(tolerance=tolerance, spread=spread, progress=_part(tell, "map of the forces", _SOLVING, 1.0))
         keep_map(key, found)
-    return SolvedMagnet(exact, found, accuracy)
+    return SolvedMagnet(exact, found, key)
 
 
 def _key(scenario: Scenario, accuracy: Accuracy) -> str:

@@ -144,6 +144,16 @@ def kept_response(key: str) -> GuidewayResponse | None:
     return _kept("response", key, read)
 
 
+def keep_error(key: str, error: float) -> None:
+    """Keep the estimated error of the forces under a key."""
+    _keep("error", key, error=np.array([error]))
+
+
+def kept_error(key: str) -> float | None:
+    """The error kept under a key; None where there is none that can be trusted."""
+    return _kept("error", key, lambda data: float(data["error"][0]))
+
+
 def _series(values: np.ndarray[Any, Any], name: str) -> np.ndarray[Any, Any]:
     if values.ndim != 3 or values.size == 0:
         raise ValueError(f"{name}: expected coefficients along three axes")
@@ -184,7 +194,7 @@ def _kept(kind: str, key: str, read: Callable[[dict[str, np.ndarray[Any, Any]]],
     try:
         if target.stat().st_size > _SIZE_LIMIT:
             return None
-        with np.load(target, allow_pickle=False) as stored:
+        with target.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
             data = {name: stored[name] for name in stored.files}
         if str(data.pop("key")) != key or any(not _is_number_array(values) for values in data.values()):
             return None

@@ -21,7 +21,6 @@ from maglev_ctrl.scenario.guideway_schema import EddyCurrentForces
 from maglev_ctrl.scenario.layout import layout
 from maglev_ctrl.study.eddy_current import SolvedMagnet, solved_magnet
 from maglev_ctrl.study.forces import describe_forces
-from maglev_ctrl.study.spread import spread_over
 
 if TYPE_CHECKING:
     from maglev_ctrl.fields.coil import RectangularCoil
@@ -158,7 +157,7 @@ def survey(
     if solved is not None and isinstance(force, ForceMap):
         exact = solved.exact.scaled(force.strength)
         tell("error of the forces", _SOLVING)
-        error = solved.exact.refinement(spread=spread_over(jobs))
+        error = solved.error()
     tell("forces over height, gap and speed", 0.8)
     return _survey(scenario, force, exact, error, facts=describe_forces(scenario, vehicle), tell=tell)
 
