@@ -31,6 +31,11 @@ TITLES = {
     "Magnets": "[vehicle.magnets]",
     "Aerodynamics": "[vehicle.aerodynamics]",
     "Allowed": "option.control.allowed",
+    "CoilRecord": "[[forces.coil]]",
+    "Rectangle": "[[forces.guideway.plate]]",
+    "Outline": "[[forces.guideway.conductor]]",
+    "LengthRange": "forces.height_range, gap_range",
+    "SpeedRange": "forces.velocity_range",
 }
 
 
@@ -91,9 +96,9 @@ def title(name: str, record: Schema) -> str:
         chosen = properties["quantity"]
         values = [chosen["const"]] if "const" in chosen else chosen["enum"]
         return f"[[requirement]] quantity = {', '.join(values)}"
-    for key in ("model", "law", "kind"):
+    for key in ("model", "law", "kind", "shape"):
         if key in properties and "const" in properties[key]:
-            table = {"law": "[option.control]", "kind": "[[option.sensor]]"}.get(
+            table = {"law": "[option.control]", "kind": "[[option.sensor]]", "shape": "[forces.guideway]"}.get(
                 key, "[forces]" if name.endswith("Forces") else "[vehicle]"
             )
             return f'{table} {key} = "{properties[key]["const"]}"'

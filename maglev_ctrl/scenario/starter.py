@@ -57,7 +57,7 @@ drag_speed = "400 km/h"
 
 # -------------------------------------------------------------------------------------------------- forces
 [forces]
-model = "image"                       # image | table (a CSV file) | coefficients (6 x 6 matrices)
+model = "image"                       # image | eddy_current (any guideway) | table (CSV) | coefficients
 exponent = 1                          # 1 for a wide sheet; 1/2, 1/3, 1/5 for narrower coils
 thickness = "20 mm"                   # of the conducting sheet
 conductivity = "2.5e7 S/m"
