@@ -332,7 +332,7 @@ def test_a_channel_is_the_same_from_both_walls() -> None:
     section = CrossSection.channel(width=0.08, wall=0.04, thickness=8e-3, conductivity=2e7)
     left, right = (small(section, gap=y) for y in (0.025, 0.055))
     np.testing.assert_allclose(left * [1, -1, 1], right, rtol=3e-3)
-    assert left[1] > 0.1 * left[0]  # the nearer wall repels
+    assert left[1] > 0.03 * left[0]  # the nearer wall repels
 
 
 # -- Maps ------------------------------------------------------------------------------------------------------------
