@@ -150,7 +150,7 @@ def damping_chart(found: ForceSurvey) -> Chart | None:
         key="damping",
         caption=(
             "Force on the magnet per velocity of its own slow motion, at 1 Hz where currents were computed. Above zero "
-            f"(shaded) it feeds the motion: negative damping. {words}"
+            f"(shaded) heave, sway or surge is fed: negative damping. {words}"
         ),
         alt="Damping of one magnet over speed and height", panels=tuple(panels), panel_height=1.8,
     )  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -171,6 +172,19 @@ def test_a_study_runs_with_solved_forces(scenario_file: Path, found: ForceSurvey
 def test_other_force_models(name: str, words: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["forces", str(ROOT / "scenarios" / name), "--out", str(tmp_path / "out")]) == 0
     assert words in capfd.readouterr().out
+
+
+def test_the_speed_at_which_heave_damping_turns_negative(tmp_path: Path) -> None:
+    """A line current over a thin sheet: damping changes its sign at w = 2 / (mu_0 sigma d) (Davis and Wilkie 1971)."""
+    text = (ROOT / "scenarios/compare/warwick_30t.toml").read_text(encoding="utf-8")
+    for exponent, sheet in ((1.0, '"20 mm"'), (2.0, '"10 mm"')):
+        file = tmp_path / "slow.toml"
+        slower = re.sub(r'speed = \{ from = "[^"]*"', 'speed = { from = "1 m/s"', text)
+        assert slower != text
+        file.write_text(re.sub(r'(?m)^thickness = "20 mm"', f"thickness = {sheet}", slower), encoding="utf-8")
+        found = survey(load(file))
+        w = 2.0 / (4e-7 * np.pi * 2.5e7 * 0.02) * exponent
+        np.testing.assert_allclose(found.heave_changes, [w], rtol=1e-3)
 
 
 def test_matrices_have_no_forces_to_show(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
