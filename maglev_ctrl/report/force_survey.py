@@ -129,13 +129,7 @@ def accuracy_words(found: ForceSurvey) -> tuple[str, ...]:
 
 
 def csv_text(found: ForceSurvey) -> str:
-    """Every second point of the grid as a force table, SI; a wall that is not there has no gap and no guidance.
-
-    Examples
-    --------
-    >>> csv_text(None)                                                      # doctest: +SKIP
-    'height [m], gap [m], speed [m/s], lift [N], guidance [N], drag [N]\\n0.005, ...
-    """
+    """Every second point of the grid as a force table, SI; a wall that is not there has no gap and no guidance."""
     has_gap = found.gap is not None
     heights, gaps, speeds = (one[_thinned(one)] for one in (found.heights, found.gaps, found.speeds))
     cut = np.ix_(*(_thinned(one) for one in (found.heights, found.gaps, found.speeds)))
