@@ -3,7 +3,7 @@
 With fields e^{ikx}, A = (a_x, i a_y, i a_z), V = -s phi and the reaction potential a as unknown,
 (-lap + k^2) a + i s mu_0 sigma (a + source + grad phi) = 0, div J = 0 in the metal, no flux of J through its surface.
 The basis of the reduction is made of solutions at real positive rates (i s -> p), where the matrices are positive
-definite, and of the sources themselves, which make the limit of infinite rate exact.
+definite, and of the sources themselves, which hold most of what rates above the range would add.
 """
 
 from __future__ import annotations
