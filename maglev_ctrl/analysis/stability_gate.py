@@ -196,6 +196,12 @@ def _close_delayed(loop: Loop) -> ClosedLoop:
     worst = complex(poles[int(np.argmax(poles.real))])
     if abs(worst.real) <= 1e-9 * abs(worst):
         raise NotStable(_unstable_message(worst, None, on_axis=True))
+    still = poles[np.abs(poles.real) <= 1e-9 * np.abs(poles) + 1e-14 * np.max(np.abs(poles), initial=0.0)]
+    if still.size:
+        raise ModelError(
+            f"stability with delays cannot be proven: the loop keeps a pole on the axis at {abs(still[0].imag):.4g} "
+            f"rad/s beside its fastest-growing one at {worst:.4g} 1/s"
+        )
     # S_a G: a signal added where the delayed command enters the plant, seen at the loop's error.
     added = np.vstack([loop.B, np.zeros((grown.A.shape[0] - loop.A.shape[0], loop.B.shape[1]))])
     through = D_s @ loop.D

@@ -31,6 +31,10 @@ ANGLE = np.radians(25.0)
 EDGE, VERTEX, FREE = 0, -1, -2
 
 
+class NotMeshed(ValueError):
+    """The refinement ended without a mesh that fits the outlines; a slightly other edge length may do."""
+
+
 @dataclass(slots=True)
 class Cloud:
     """Points (N, 2) being refined, and the segments (S, 2) between them that the triangles must not cross.
@@ -135,7 +139,7 @@ def refine(cloud: Cloud, spacing: Spacing, *, smallest: float, angle: float = AN
             _append(cloud, added, np.full(len(added), FREE))
         elif not blocked.any():
             return triangles
-    raise ValueError("the cross-section could not be meshed: its outline has parts too narrow for the mesh size")
+    raise NotMeshed("the cross-section could not be meshed: its outline has parts too narrow for the mesh size")
 
 
 def _wanted(

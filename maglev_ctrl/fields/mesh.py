@@ -14,6 +14,7 @@ from maglev_ctrl.fields.delaunay import (
     VERTEX,
     Cloud,
     IntArray,
+    NotMeshed,
     refine,
     shapes_of,
     smooth,
@@ -23,6 +24,7 @@ from maglev_ctrl.fields.section import CrossSection
 
 AIR = -1
 """Index of air in `Triangulation.conductor`."""
+_SHRINKS = (1.0, 0.93, 0.85, 0.76)
 STRAIGHT = np.radians(15.0)
 """A vertex that turns by less than this is part of a curved face, not a corner: the field has no peak there."""
 
@@ -56,7 +58,7 @@ class Triangulation:
 class Spacing:
     """Edge length wanted: finest at corners, growing with distance from them, capped in metal, growing on in air.
 
-    `local` is a further cap on it, where there is one.
+    `local` is a further cap on it, where there is one; `shrink` is a factor on all of it.
     """
 
     section: CrossSection
@@ -67,6 +69,7 @@ class Spacing:
     air_growth: float
     coarsest: float
     local: Callable[[FloatArray], FloatArray] | None = None
+    shrink: float = 1.0
 
     def __call__(self, points: FloatArray) -> FloatArray:
         """Edge length wanted at points (n, 2), m."""
@@ -82,7 +85,7 @@ class Spacing:
             wanted += self.air_growth * to_metal
         if self.local is not None:
             wanted = np.minimum(wanted, self.local(points))
-        return np.asarray(np.minimum(wanted, self.coarsest))
+        return np.asarray(self.shrink * np.minimum(wanted, self.coarsest))
 
 
 def triangulate(
@@ -124,9 +127,19 @@ def triangulate(
     True
     """
     spacing, ring = _plan(section, finest, in_conductor, growth, air_radius, air_growth)
-    spacing = replace(spacing, local=local)
+    for shrink in _SHRINKS:
+        try:
+            return _mesh(section, replace(spacing, local=local, shrink=shrink), ring)
+        except NotMeshed:
+            # Where points fall is a matter of luck at the limit of what fits; another size falls otherwise.
+            if shrink == _SHRINKS[-1]:
+                raise
+    raise AssertionError("unreachable")
+
+
+def _mesh(section: CrossSection, spacing: Spacing, ring: tuple[FloatArray, float]) -> Triangulation:
     cloud = _outlines(section, spacing, ring)
-    smallest = min(0.05 * finest, 0.2 * _narrowest(section, spacing))
+    smallest = min(0.05 * spacing.finest, 0.2 * _narrowest(section, spacing))
     refine(cloud, spacing, smallest=smallest, angle=0.0)
     smooth(cloud, spacing, steps=12)
     triangles = refine(cloud, spacing, smallest=smallest)
@@ -281,5 +294,5 @@ def _labelled(section: CrossSection, points: FloatArray, triangles: IntArray) ->
     metal = [float(areas[conductor == i].sum()) for i in range(len(section.conductors))]
     # Qhull promises less than this needs where many points lie on one circle; a broken mesh must not go unseen.
     if np.any(areas <= 0.0) or not np.allclose(metal, [one.area for one in section.conductors], rtol=1e-9, atol=0.0):
-        raise ValueError("the cross-section could not be meshed: its triangles do not fill the conductors")
+        raise NotMeshed("the cross-section could not be meshed: its triangles do not fill the conductors")
     return mesh

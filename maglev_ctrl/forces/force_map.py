@@ -74,7 +74,7 @@ class MapQuality:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class _Axis:
+class LogAxis:
     """One argument q as x = ln(q + shift) mapped to -1..1; a single value is the middle of nothing."""
 
     low: float
@@ -82,6 +82,7 @@ class _Axis:
     shift: float
 
     def nodes(self, count: int) -> FloatArray:
+        """Where a series of `count` terms is found from, ascending; (count,)."""
         x = chebyshev_points(count, lower=-1.0, upper=1.0)
         return np.asarray(np.clip(np.exp(self._middle + self._half * x) - self.shift, self.low, self.high))
 
@@ -95,6 +96,7 @@ class _Axis:
 
     @property
     def fixed(self) -> bool:
+        """Whether the range is a single value."""
         return not self.high > self.low
 
     def basis(self, q: FloatArray, count: int, order: int) -> list[FloatArray]:
@@ -131,7 +133,7 @@ class ForceMap(AbstractForceModel):
     """Lift, guidance and drag from Chebyshev series of ln(-W) and ln(drag); refuses points outside. Build with `of`."""
 
     domain: Domain = field()  # field() hides the property of the base, which would count as a default
-    axes: tuple[_Axis, _Axis, _Axis]
+    axes: tuple[LogAxis, LogAxis, LogAxis]
     log_energy: FloatArray
     log_drag: FloatArray
     quality: MapQuality
@@ -175,9 +177,9 @@ class ForceMap(AbstractForceModel):
         gap = domain.gap or (1.0, 1.0)
         # The shifts make the logarithms of energy and drag nearly straight; tried on the corner of an L.
         axes = (
-            _Axis(*domain.height, 0.5 * (domain.height[1] - domain.height[0])),
-            _Axis(*gap, gap[0]),
-            _Axis(*domain.speed, 0.0),
+            LogAxis(*domain.height, 0.5 * (domain.height[1] - domain.height[0])),
+            LogAxis(*gap, gap[0]),
+            LogAxis(*domain.speed, 0.0),
         )
         counts, best = FIRST, None
         while True:
@@ -196,7 +198,7 @@ class ForceMap(AbstractForceModel):
     def _through(
         cls,
         model: EnergyModel,
-        axes: tuple[_Axis, _Axis, _Axis],
+        axes: tuple[LogAxis, LogAxis, LogAxis],
         nodes: tuple[int, ...],
         spread: Spread,
         progress: Progress | None,

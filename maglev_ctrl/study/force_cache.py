@@ -24,7 +24,7 @@ from maglev_ctrl.fields.response import GuidewayResponse
 from maglev_ctrl.fields.section import CrossSection
 from maglev_ctrl.forces.base import Domain
 from maglev_ctrl.forces.eddy_current import FINENESS, Accuracy
-from maglev_ctrl.forces.force_map import ForceMap, MapQuality, _Axis
+from maglev_ctrl.forces.force_map import ForceMap, LogAxis, MapQuality
 
 FOLDER: Final = "MAGLEV_CTRL_CACHE"
 """Environment variable that names the cache's folder."""
@@ -107,7 +107,7 @@ def kept_map(key: str) -> ForceMap | None:
         energy, drag = (_series(data[name], name) for name in ("log_energy", "log_drag"))
         if energy.shape != drag.shape:
             raise ValueError("coefficients: two shapes")
-        axes = [_Axis(float(low), float(high), float(shift)) for low, high, shift in data["axes"]]
+        axes = [LogAxis(float(low), float(high), float(shift)) for low, high, shift in data["axes"]]
         forces, drags, stiffness, checks, *nodes = data["quality"].tolist()
         a, b, c = (int(count) for count in nodes)
         return ForceMap(

@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.fields import delaunay
+from maglev_ctrl.fields import mesh as mesh_module
+from maglev_ctrl.fields.delaunay import NotMeshed
 from maglev_ctrl.fields.mesh import AIR, Spacing, Triangulation, _corners, triangulate
 from maglev_ctrl.fields.polygon import inner_angles, point_distances
 from maglev_ctrl.fields.section import Conductor, CrossSection
@@ -265,3 +267,24 @@ def test_a_foil_too_thin_to_mesh_is_refused_at_once() -> None:
     foil = CrossSection.plate(width=0.4, thickness=1e-6, conductivity=SIGMA)
     with pytest.raises(ValueError, match="its narrowest part or gap is 1e-06 m wide"):
         triangulate(foil, **SIZES)
+
+
+def test_a_mesh_that_fails_is_tried_again_a_little_finer(monkeypatch: pytest.MonkeyPatch) -> None:
+    section = CrossSection.plate(width=0.05, thickness=5e-3, conductivity=2.5e7)
+    tried = []
+    whole = mesh_module._mesh
+
+    def once(section: CrossSection, spacing: Spacing, ring: object) -> Triangulation:
+        tried.append(spacing.shrink)
+        if len(tried) < 3:
+            raise NotMeshed("no luck")
+        return whole(section, spacing, ring)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(mesh_module, "_mesh", once)
+    mesh = triangulate(section, finest=2e-3, in_conductor=4e-3)
+    assert tried == [1.0, 0.93, 0.85]
+    assert abs(mesh.areas()[mesh.conductor == 0].sum() / (0.05 * 5e-3) - 1.0) < 1e-12
+    tried.append(0.0)
+    monkeypatch.setattr(mesh_module, "_mesh", lambda *_: (_ for _ in ()).throw(NotMeshed("never")))
+    with pytest.raises(NotMeshed, match="never"):
+        triangulate(section, finest=2e-3, in_conductor=4e-3)

@@ -22,6 +22,14 @@ def test_pole_on_the_axis_is_refused() -> None:
         close(Loop.from_transfer_function([3.0], [1.0, 0.0, 1.0]))
 
 
+def test_an_undamped_mode_beside_an_unstable_one_is_told_with_a_delay() -> None:
+    """The input cannot move the oscillator: its pole stays on the axis, where no gain can be found."""
+    A = np.array([[0.5, 0.0, 0.0], [0.0, 0.0, 37.0], [0.0, -37.0, 0.0]])
+    loop = Loop(A, [[1.0], [0.0], [0.0]], [[0.2, 0.0, 0.0]], [[0.0]], ("u",), (0.001,))
+    with pytest.raises(ModelError, match=r"keeps a pole on the axis at 37 rad/s"):
+        close(loop)
+
+
 def test_discrete_unstable_loop_is_named() -> None:
     with pytest.raises(NotStable, match=r"z plane"):
         close(Loop.from_transfer_function([2.5], [1.0, -1.0], dt=0.1))  # pole at -1.5

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from maglev_ctrl.forces import Domain
-from maglev_ctrl.forces.force_map import ForceMap, MapQuality, _Axis
+from maglev_ctrl.forces.force_map import ForceMap, LogAxis, MapQuality
 from maglev_ctrl.scenario import Scenario, build_option, build_vehicle, control_law, load, with_solved_force
 from maglev_ctrl.scenario.guideway_schema import EddyCurrentForces
 from maglev_ctrl.scenario.layout import design_mass
@@ -61,7 +61,7 @@ def corner_forces() -> ForceMap:
     kept = json.loads((ROOT / "tests/paper/data/default_forces.json").read_text(encoding="utf-8"))
     height, gap, speed = tuple(kept["height"]), tuple(kept["gap"]), (36.1, 36.1)
     energy, drag = (np.asarray(kept[name])[:, :, None] for name in ("log_energy", "log_drag"))
-    axes = (_Axis(*height, kept["shift"][0]), _Axis(*gap, kept["shift"][1]), _Axis(*speed, 0.0))
+    axes = (LogAxis(*height, kept["shift"][0]), LogAxis(*gap, kept["shift"][1]), LogAxis(*speed, 0.0))
     quality = MapQuality(np.nan, np.nan, np.nan, 0, (*energy.shape[:2], 1))
     return ForceMap(Domain(height=height, gap=gap, speed=speed), axes, energy, drag, quality)
 
