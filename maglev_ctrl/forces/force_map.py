@@ -144,7 +144,7 @@ class ForceMap(AbstractForceModel):
         cls,
         model: EnergyModel,
         *,
-        tolerance: float = 5e-3,
+        tolerance: float = 1e-2,
         spread: Spread = one_by_one,
         progress: Progress | None = None,
     ) -> ForceMap:

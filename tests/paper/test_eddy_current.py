@@ -16,6 +16,7 @@ import pytest
 from maglev_ctrl.errors import OutOfDomain
 from maglev_ctrl.fields.coil import RectangularCoil
 from maglev_ctrl.fields.section import CrossSection
+from maglev_ctrl.fields.solve import Fineness
 from maglev_ctrl.forces.base import Domain
 from maglev_ctrl.forces.eddy_current import EddyCurrentForce
 
@@ -56,7 +57,7 @@ def corner() -> EddyCurrentForce:
     section = CrossSection.l_shape(leg=76.2e-3, thickness=THICKNESS, conductivity=CONDUCTIVITY)
     return EddyCurrentForce.solve(
         section, (MAGNET,), height=(5e-3, 26e-3), gap=(4.5e-3, 28e-3), speed=(5.0, 40.0), frequency=201.0,
-        accuracy="draft",
+        accuracy=Fineness(0.5, 0.6, 3, points=3, tolerance=1e-5, rates_per_decade=1.0),  # between draft and standard
     )  # fmt: skip
 
 
