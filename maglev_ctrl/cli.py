@@ -339,6 +339,8 @@ def _why(option: OptionStudy) -> str:
     """What keeps an option from passing, in a line."""
     if option.failure:
         return option.failure
+    if not option.requirements:
+        return "the scenario sets no requirements"
     missed = [result for result in option.requirements if result.verdict.value != "PASS"]
     names: dict[str, list[str]] = {}  # what is said of several requirements alike is said once
     for result in missed:

@@ -36,8 +36,10 @@ def other_sweeps(option: OptionStudy) -> Chart | None:
     for sweep in others:
         x = sweep.values * sweep.scale
         label = f"{PARAMETER_WORDS[sweep.parameter]} ({sweep.unit})"
-        growth = Line(x, sweep.abscissa, "largest growth rate", colour(2))
-        damping = Line(x, 100.0 * sweep.least_damping, "least damping ratio", colour(1))
+        growth = Line(
+            x, _beyond_rounding(sweep.abscissa, np.nanmax(np.abs(sweep.tracks.s))), "largest growth rate", colour(2)
+        )
+        damping = Line(x, 100.0 * _beyond_rounding(sweep.least_damping, 1.0), "least damping ratio", colour(1))
         marks = [Marks(x, line.y, "circle", "", line.colour, 3.5) for line in (growth, damping)]
         common = (*_boundaries(sweep), *_missing(sweep))
         zero = Rule("y", 0.0, "", INK, "solid", 0.7)
@@ -268,7 +270,12 @@ def energy_ledger(option: OptionStudy) -> Chart | None:
     split = [
         int(k)
         for k in np.argsort(-modes.s.real, kind="stable")
-        if shown[k] and np.isfinite(modes.ledger.damping[:, k]).all() and modes.s[k].imag > 0.0
+        if shown[k]
+        and np.isfinite(modes.ledger.damping[:, k]).all()
+        and modes.s[k].imag > 0.0
+        # Shares of a neutral mode that are no larger than its error are rounding.
+        and max(np.max(np.abs(modes.ledger.damping[:, k])), np.max(np.abs(modes.ledger.circulatory[:, k])))
+        > modes.error_bound[k]
     ][:6]
     if not split:
         return None
@@ -332,6 +339,11 @@ def _ledger_row(shares: list[tuple[str, str, float]], names: list[str], row: flo
         )
         ends[value > 0] += value / size
     return items
+
+
+def _beyond_rounding(values: FloatArray, size: float) -> FloatArray:
+    """The values, zero where they are no more than rounding beside a size."""
+    return np.where(np.abs(values) <= 1e-12 * size, 0.0, values)
 
 
 def _short(label: str) -> str:

@@ -54,7 +54,9 @@ def _chosen(modes: Modes) -> list[int]:
 
 def _title(modes: Modes, k: int) -> str:
     frequency = number(float(modes.s[k].imag) / (2.0 * np.pi), "Hz")
-    return f"{modes.labels[k]}: {frequency}, growth {number(float(modes.s[k].real), '1/s')}"
+    neutral = abs(modes.s[k].real) <= modes.error_bound[k]
+    growth = "neutral" if neutral else f"growth {number(float(modes.s[k].real), '1/s')}"
+    return f"{modes.labels[k]}: {frequency}, {growth}"
 
 
 def _panel(vehicle: Vehicle, modes: Modes, outline: tuple[Box, ...], k: int) -> Panel:
@@ -65,7 +67,7 @@ def _panel(vehicle: Vehicle, modes: Modes, outline: tuple[Box, ...], k: int) -> 
     low, high = _bounds(outline)
     span = high - low
     scale = np.zeros(3)
-    scale[first], scale[second] = 0.05 * span[first], 0.16 * max(span[second], 1.0)
+    scale[first], scale[second] = 0.05 * span[first], 0.16 * max(span[second], _metre(low, high))
     items: list[Item] = [_rail(low, high, view)] if view != "top" else []
     for i, box in enumerate(outline):
         at_rest = corners(box, view)
@@ -75,7 +77,7 @@ def _panel(vehicle: Vehicle, modes: Modes, outline: tuple[Box, ...], k: int) -> 
         if np.max(np.abs(moved.imag)) > 0.05:
             items.append(Area(later[:, first], later[:, second], edge=INK, dash="dot", width=0.7))
         items.append(Area(now[:, first], now[:, second], fill=colour(i + 1), opacity=0.35, edge=colour(i + 1)))
-        items.extend(_magnets(vehicle, box, shape, view, scale))
+        items.extend(_magnets(vehicle, box, shape, view, scale, 0.35 * _metre(low, high)))
     margin = 0.06 * span
     names = _AXIS_NAMES[view]
     title = "\n".join([textwrap.shorten(modes.labels[k], 44, placeholder=" ..."), _title(modes, k).rsplit(": ", 1)[1]])
@@ -88,8 +90,13 @@ def _panel(vehicle: Vehicle, modes: Modes, outline: tuple[Box, ...], k: int) -> 
 
 
 def _vertical(low: FloatArray, high: FloatArray, axis: int, view: View) -> tuple[float, float]:
-    room = 0.2 * max(float(high[axis] - low[axis]), 1.0)
-    return float(low[axis]) - room - (0.9 if view != "top" else 0.0), float(high[axis]) + room
+    room = 0.2 * max(float(high[axis] - low[axis]), _metre(low, high))
+    return float(low[axis]) - room - (0.9 * _metre(low, high) if view != "top" else 0.0), float(high[axis]) + room
+
+
+def _metre(low: FloatArray, high: FloatArray) -> float:
+    """The unit of schematic sizes: a metre, or less for a vehicle of a metre or less."""
+    return min(1.0, 0.5 * float(np.max(high - low)))
 
 
 def _bounds(outline: tuple[Box, ...]) -> tuple[FloatArray, FloatArray]:
@@ -101,13 +108,15 @@ def _bounds(outline: tuple[Box, ...]) -> tuple[FloatArray, FloatArray]:
 def _rail(low: FloatArray, high: FloatArray, view: View) -> Line:
     first, second = AXES[view]
     margin = 0.06 * (high[first] - low[first])
-    level = low[second] - 0.9
+    level = low[second] - 0.9 * _metre(low, high)
     return Line(
         np.array([low[first] - margin, high[first] + margin]), np.array([level, level]), "", colour=INK, width=1.8
     )  # fmt: skip
 
 
-def _magnets(vehicle: Vehicle, box: Box, shape: ComplexArray, view: View, scale: FloatArray) -> list[Item]:
+def _magnets(
+    vehicle: Vehicle, box: Box, shape: ComplexArray, view: View, scale: FloatArray, length: float
+) -> list[Item]:
     """Short strokes below the box, moved with it; one broken line for all of them."""
     if not box.magnets.size or view == "top":
         return []
@@ -117,7 +126,7 @@ def _magnets(vehicle: Vehicle, box: Box, shape: ComplexArray, view: View, scale:
     base[:, first], base[:, second] = points, box.centre[second] - box.half[second]
     moved = base + scale * displacement(box, base, motion(vehicle, shape, box.body)).real
     x = np.column_stack([moved[:, first], moved[:, first], np.full(points.size, np.nan)]).ravel()
-    y = np.column_stack([moved[:, second], moved[:, second] - 0.35, np.full(points.size, np.nan)]).ravel()
+    y = np.column_stack([moved[:, second], moved[:, second] - length, np.full(points.size, np.nan)]).ravel()
     return [Line(x, y, "", colour=INK, width=1.6)]
 
 

@@ -152,10 +152,15 @@ def _mode_table(option: OptionStudy) -> Table:
     for k in order[:_MOST_MODES]:
         fed = largest_feeder(option.system, modes.ledger, mode=int(k)) if option.system is not None else None
         feeder = f"{fed[0]} {number(fed[1], '1/s')}" if fed else ABSENT
+        damping, growth = float(modes.damping_ratio[k]), float(modes.s[k].real)
+        if abs(growth) <= modes.error_bound[k]:  # a neutral mode: what is left is rounding, and so is what feeds it
+            damping, growth = 0.0, 0.0
+        if fed and abs(fed[1]) <= modes.error_bound[k]:
+            feeder = ABSENT
         rows.append(
             row(
                 modes.labels[k], number(float(modes.frequency[k]), "Hz"),
-                number(100.0 * float(modes.damping_ratio[k]), "%"), number(float(modes.s[k].real), "1/s"),
+                number(100.0 * damping, "%"), number(growth, "1/s"),
                 number(float(modes.error_bound[k]), "1/s", digits=1), modes.kind[k].value, feeder,
             )
         )  # fmt: skip

@@ -50,6 +50,8 @@ def key_findings(comparison: Comparison) -> tuple[str, ...]:
     lead = (
         f"{len(passed)} of {len(options)} options meet all {asked} requirements: {'; '.join(passed)}."
         if passed
+        else f"The scenario sets no requirements for its {len(options)} option(s): nothing passes or fails."
+        if not asked
         else f"None of the {len(options)} options meets all {asked} requirements."
     )
     sentences = [lead, *_baseline(comparison)]
@@ -105,7 +107,10 @@ def _baseline(comparison: Comparison) -> list[str]:
     growth = number(float(base.modes.s[k].real), "1/s")
     speed = number(comparison.design_speed * _KILOMETRES_PER_HOUR, "km/h")
     frequency = number(float(base.modes.frequency[k]), "Hz")
-    if base.modes.s[k].real <= 0.0:
+    if abs(base.modes.s[k].real) <= base.modes.error_bound[k]:
+        return [f"{base.label} is {base.modes.verdict.value} at {speed}: {base.modes.labels[k]} at {frequency} neither "
+                f"grows nor decays beyond the error of the computation."]  # fmt: skip
+    if base.modes.s[k].real <= 0.0 or base.modes.verdict.value != "unstable":
         return [f"{base.label} is {base.modes.verdict.value} at {speed}; its least stable mode is "
                 f"{base.modes.labels[k]} at {frequency} with growth rate {growth}."]  # fmt: skip
     feeder = largest_feeder(base.system, base.modes.ledger, mode=k) if base.system is not None else None

@@ -13,7 +13,7 @@ from maglev_ctrl.vehicle import DOF_NAMES, GUIDEWAY, Vehicle
 View = Literal["side", "front", "top"]
 AXES: Final[dict[View, tuple[int, int]]] = {"side": (0, 2), "front": (1, 2), "top": (0, 1)}
 _LEAST_HALF: Final = (1.0, 1.0, 0.45)  # m, of a body with nothing attached away from its centre
-_CLEARANCE: Final = 0.8  # m between stacked boxes
+_CLEARANCE: Final = 0.8  # m between stacked boxes; both shrink with a vehicle smaller than that
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -29,23 +29,35 @@ class Box:
 def boxes(vehicle: Vehicle) -> tuple[Box, ...]:
     """Outlines from where magnets and connections sit; bodies that would overlap are stacked, magnets at the bottom."""
     made: list[Box] = []
+    scale = _scale(vehicle)
+    least = scale * np.array(_LEAST_HALF)
     carries = {magnet.body for magnet in vehicle.magnets} | {c.body for c in vehicle.coefficient_elements}
     for body in sorted(vehicle.bodies, key=lambda b: b.name not in carries):
         centre = np.array(body.position, dtype=float)
         points = _attached(vehicle, body.name)
         reach = np.max(np.abs(points - centre), axis=0) if points.size else np.zeros(3)
-        half = np.maximum(reach, np.array(_LEAST_HALF))
-        if reach[0] > _LEAST_HALF[0]:
+        half = np.maximum(reach, least)
+        if reach[0] > least[0]:
             half[0] = reach[0] * 1.06
-        half[2] = min(half[2], max(_LEAST_HALF[2], 0.9))
+        half[2] = min(half[2], 2.0 * least[2])
         for other in made:
             apart = np.abs(centre - other.centre)
-            if np.all(apart[:2] < half[:2] + other.half[:2]) and apart[2] < half[2] + other.half[2] + 0.1:
-                centre[2] = other.centre[2] + other.half[2] + half[2] + _CLEARANCE
+            if np.all(apart[:2] < half[:2] + other.half[:2]) and apart[2] < half[2] + other.half[2] + 0.1 * scale:
+                centre[2] = other.centre[2] + other.half[2] + half[2] + scale * _CLEARANCE
         magnets = np.array([m.position for m in vehicle.magnets if m.body == body.name], dtype=float).reshape(-1, 3)
         made.append(Box(body.name, centre, half, magnets))
     order = {body.name: i for i, body in enumerate(vehicle.bodies)}
     return tuple(sorted(made, key=lambda box: order[box.body]))
+
+
+def _scale(vehicle: Vehicle) -> float:
+    """1 for a vehicle of a metre or more, less for a smaller one: how far its parts are from its bodies' centres."""
+    reach = 0.0
+    for body in vehicle.bodies:
+        points = _attached(vehicle, body.name)
+        if points.size:
+            reach = max(reach, float(np.max(np.abs(points - np.array(body.position)))))
+    return min(1.0, 1.2 * reach) if reach > 0.0 else 1.0
 
 
 def _attached(vehicle: Vehicle, body: str) -> FloatArray:

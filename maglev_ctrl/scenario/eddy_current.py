@@ -295,3 +295,31 @@ def _range_faults(scenario: Scenario, forces: EddyCurrentForces, here: Layout) -
                 f"expected a range that holds the design point's {word}, {value * factor:g} {unit}; "
                 f"got {span.low * factor:g} to {span.high * factor:g} {unit}",
             )
+    yield from _sweep_faults(scenario, forces, here)
+
+
+def _sweep_faults(scenario: Scenario, forces: EddyCurrentForces, here: Layout) -> Iterator[Fault]:
+    """Sweeps that leave a range given by hand, or run a magnet into the wall: points there could not be evaluated."""
+    operating, sweep = scenario.operating, scenario.operating.sweep
+    swept = (
+        ("height", sweep.height, "height_range", forces.height_range, 1e3, "mm"),
+        ("gap", sweep.gap, "gap_range", forces.gap_range, 1e3, "mm"),
+        ("speed", sweep.speed, "velocity_range", forces.velocity_range, 1.0, "m/s"),
+    )
+    for name, one, key, span, factor, unit in swept:
+        if one is None or span is None or (span.low <= one.first and one.last <= span.high):
+            continue
+        yield Fault(
+            ("operating", "sweep", name),
+            f"reaches from {one.first * factor:g} to {one.last * factor:g} {unit}, but forces.{key} ends at "
+            f"{span.low * factor:g} and {span.high * factor:g} {unit}; widen the range or shorten the sweep",
+        )
+    offset = sweep.lateral_offset
+    if offset is None or operating.gap is None or not here.has_walls:
+        return
+    farthest = max(abs(offset.first), abs(offset.last))
+    if farthest >= operating.gap:
+        yield Fault(
+            ("operating", "sweep", "lateral_offset"),
+            f"moves the magnets by {farthest * 1e3:g} mm, into the wall {operating.gap * 1e3:g} mm away",
+        )

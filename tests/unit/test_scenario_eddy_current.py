@@ -199,6 +199,14 @@ BAD = {
     "crooked plate": (guideway('shape = "plates"\n[[forces.guideway.plate]]\nleft = "5 mm"\nright = "1 mm"\n'
                                'bottom = "-5 mm"\ntop = "0 mm"\nconductivity = "3e7 S/m"'),
                       "forces.guideway.plate[0]", "left below right"),
+    "sweep beyond": (
+        replaced('model = "eddy_current"', 'model = "eddy_current"\nheight_range = { from = "12 mm", to = "13 mm" }')
+        .replace('gap = "12.7 mm"', 'gap = "12.7 mm"\nsweep.height = { from = "12 mm", to = "13.5 mm", count = 4 }'),
+        "operating.sweep.height", "widen the range or shorten the sweep"),
+    "into the wall": (
+        replaced('gap = "12.7 mm"', 'gap = "12.7 mm"\n'
+                 'sweep.lateral_offset = { from = "-20 mm", to = "20 mm", count = 5 }'),
+        "operating.sweep.lateral_offset", "into the wall 12.7 mm away"),
     "no gap": (replaced('gap = "12.7 mm"\n', ""), "operating.gap", "missing"),
 }  # fmt: skip
 
