@@ -17,6 +17,7 @@ import typer
 from maglev_ctrl.cli_forces import forces
 from maglev_ctrl.cli_identify import identify
 from maglev_ctrl.cli_reproduce import reproduce
+from maglev_ctrl.cli_terminal import console, progress
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -222,40 +223,6 @@ def _formats(text: str) -> tuple[Literal["html", "pdf", "json"], ...]:
     return cast("tuple[Literal['html', 'pdf', 'json'], ...]", names)
 
 
-def _require_writable(folder: Path) -> None:
-    """Find out before hours of work whether the report can be written; nothing is left behind."""
-    from maglev_ctrl.errors import ScenarioError
-
-    if folder.exists() and not folder.is_dir():
-        raise ScenarioError(f"{folder}: expected a folder for the report, got a file; choose another with --out")
-    # A report is made beside its folder and moved into place, so both have to be writable.
-    for place in {_nearest_folder(folder), _nearest_folder(folder.absolute().parent)}:
-        try:
-            _try_writing(place)
-        except OSError as error:
-            reason = error.strerror or str(error)
-            raise ScenarioError(
-                f"{folder}: the report cannot be written ({place}: {reason}); choose another folder with --out"
-            ) from None
-
-
-def _nearest_folder(path: Path) -> Path:
-    for candidate in (path.absolute(), *path.absolute().parents):
-        if candidate.exists():
-            return candidate
-    return Path.cwd()
-
-
-def _try_writing(folder: Path) -> None:
-    import tempfile
-
-    if not folder.is_dir():
-        raise NotADirectoryError(20, "not a folder")
-    handle, name = tempfile.mkstemp(prefix=".maglev-ctrl-", dir=folder)
-    os.close(handle)
-    Path(name).unlink()
-
-
 def _study_and_write(
     scenario: Scenario,
     out: Path | None,
@@ -265,8 +232,10 @@ def _study_and_write(
     values: bool = False,
 ) -> NoReturn:
     """Study, write, print; exit status by verdict."""
+    from maglev_ctrl.report.folder import require_writable
+
     folder = out if out is not None else Path("out") / scenario.name
-    _require_writable(folder)
+    require_writable(folder, results="report")
     try:
         comparison = _run(scenario, jobs=jobs)
 
@@ -276,10 +245,10 @@ def _study_and_write(
     except KeyboardInterrupt:
         raise _Stopped() from None
     try:
-        console = _console()
+        screen = console()
         if values:
-            _print_values(console, comparison)
-        _print_verdicts(console, comparison)
+            _print_values(screen, comparison)
+        _print_verdicts(screen, comparison)
         for path in paths:
             typer.echo(f"written: {path}")
     except _Stopped as stop:
@@ -289,41 +258,17 @@ def _study_and_write(
 
 def _run(scenario: Scenario, *, jobs: int) -> Comparison:
     """The study, with its progress on the terminal's error stream."""
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
     from maglev_ctrl import study
 
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.percentage:>3.0f} %"),
-        TimeElapsedColumn(),
-    )
-    console = _console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task(scenario.name, total=1.0)
-
-        def progress(message: str, fraction: float) -> None:
-            bar.update(task, description=message, completed=fraction)
-            if not console.is_terminal:
-                typer.echo(f"{100.0 * fraction:3.0f} %  {message}", err=True)
-
-        return study.run(scenario, jobs=jobs, progress=progress)
+    with progress(scenario.name) as tell:
+        return study.run(scenario, jobs=jobs, progress=tell)
 
 
-def _console(*, stderr: bool = False) -> Console:
-    from rich.console import Console
-
-    console = Console(stderr=stderr, highlight=False)
-    # Into a file or a pipe a table must not be folded at the 80 columns assumed there.
-    return console if console.is_terminal else Console(stderr=stderr, highlight=False, width=160)
-
-
-def _print_verdicts(console: Console, comparison: Comparison) -> None:
+def _print_verdicts(screen: Console, comparison: Comparison) -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    console.print(f"[bold]{escape(comparison.title)}[/]")
+    screen.print(f"[bold]{escape(comparison.title)}[/]")
     table = Table()
     for heading in ("option", "kind", "verdict", "why"):
         table.add_column(heading, overflow="fold")
@@ -332,7 +277,7 @@ def _print_verdicts(console: Console, comparison: Comparison) -> None:
         table.add_row(
             escape(option.label), option.kind, f"[{_STYLES[verdict]}]{verdict}[/]", escape(_why(option))
         )  # fmt: skip
-    console.print(table)
+    screen.print(table)
 
 
 def _why(option: OptionStudy) -> str:
@@ -356,7 +301,7 @@ def _shown(result: RequirementResult) -> str:
     return f"{result.value:.4g}{unit} (needs {sign} {result.limit:.4g}{unit})"
 
 
-def _print_values(console: Console, comparison: Comparison) -> None:
+def _print_values(screen: Console, comparison: Comparison) -> None:
     """One row per requirement, one column per option."""
     from rich.markup import escape
     from rich.table import Table
@@ -372,7 +317,7 @@ def _print_values(console: Console, comparison: Comparison) -> None:
             result = next((r for r in option.requirements if r.name == name), None)
             cells.append("" if result is None else _cell(result))
         table.add_row(name, *cells)
-    console.print(table)
+    screen.print(table)
 
 
 def _cell(result: RequirementResult) -> str:

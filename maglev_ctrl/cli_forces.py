@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from maglev_ctrl.cli_terminal import console, progress
 
 if TYPE_CHECKING:
     from maglev_ctrl.study.force_survey import ForceSurvey
@@ -36,15 +36,15 @@ def forces(
 
     Writes forces.html, forces.nc and forces.csv (a force table that `model = "table"` reads).
     """
+    from maglev_ctrl.report.folder import require_writable
     from maglev_ctrl.report.force_survey import write_forces
-    from maglev_ctrl.report.paper.files import require_writable
     from maglev_ctrl.scenario import load
     from maglev_ctrl.study.force_survey import survey
 
     read = load(scenario)
     folder = out if out is not None else Path("out") / read.name
     require_writable(folder)
-    with _progress(read.name) as tell:
+    with progress(read.name, time_left=True) as tell:
         found = survey(read, accuracy=None if accuracy is None else accuracy.value, jobs=jobs, progress=tell)
     paths = write_forces(found, folder)
     _print(found)
@@ -53,49 +53,22 @@ def forces(
 
 
 def _print(found: ForceSurvey) -> None:
-    from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
     from maglev_ctrl.report.force_survey import accuracy_words, damping_words, design_rows
 
-    console = Console(highlight=False)
-    if not console.is_terminal:  # into a file or a pipe a table must not be folded at the 80 columns assumed there
-        console = Console(highlight=False, width=160)
-    console.print(f"[bold]{escape(found.title)}[/]")
+    screen = console()
+    screen.print(f"[bold]{escape(found.title)}[/]")
     table = Table("one magnet", "value")
     for name, value in design_rows(found):
         table.add_row(escape(name), escape(value))
-    console.print(table)
+    screen.print(table)
     for words in (*found.facts, *accuracy_words(found)):
-        console.print(f"- {escape(words)}")
+        screen.print(f"- {escape(words)}")
     if found.assumptions:
-        console.print("assumed:")
+        screen.print("assumed:")
     for words in found.assumptions:
-        console.print(f"- {escape(words)}")
+        screen.print(f"- {escape(words)}")
     if damping_words(found):
-        console.print(f"[bold]{escape(damping_words(found))}[/]")
-
-
-@contextmanager
-def _progress(name: str) -> Iterator[Callable[[str, float], None]]:
-    """What is being done and how long it still takes, on the error stream: a bar on a terminal, lines elsewhere."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-
-    console = Console(stderr=True, highlight=False)
-    columns = (
-        TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn(),
-        TextColumn("left"), TimeRemainingColumn(),
-    )  # fmt: skip
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task, last = bar.add_task(name, total=1.0), ""
-
-        def tell(message: str, fraction: float) -> None:
-            nonlocal last
-            bar.update(task, description=message, completed=fraction)
-            if not console.is_terminal and message != last:
-                typer.echo(f"{100.0 * fraction:3.0f} %  {message}", err=True)
-            last = message
-
-        yield tell
+        screen.print(f"[bold]{escape(damping_words(found))}[/]")

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from maglev_ctrl.cli_terminal import console
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -30,8 +32,10 @@ def identify(
     from maglev_ctrl.report.identification_values import Result
     from maglev_ctrl.scenario.oscillation import read_oscillations
 
-    if out is not None and out.exists() and not out.is_dir():
-        raise ScenarioError(f"{out}: expected a folder for the results, got a file; choose another with --out")
+    if out is not None:
+        from maglev_ctrl.report.folder import require_writable
+
+        require_writable(out, results="results")
     results = []
     for series in read_oscillations(files):
         try:
@@ -63,16 +67,13 @@ def _by_frequency(result: Result) -> Table:
 
 
 def _print(results: Sequence[Result]) -> None:
-    from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
     from maglev_ctrl.report.identification_values import SIGNS, interval_words, opposite, value_words
     from maglev_ctrl.report.style import ABSENT
 
-    console = Console(highlight=False)
-    if not console.is_terminal:  # into a file or a pipe a table must not be folded at the 80 columns assumed there
-        console = Console(highlight=False, width=160)
+    screen = console()
     table = Table()
     for heading in ("force by motion", "", "value ± 95 %", "95 % interval", "unit", "left-hand side", "why not"):
         right = heading in ("value ± 95 %", "95 % interval", "left-hand side")
@@ -84,13 +85,13 @@ def _print(results: Sequence[Result]) -> None:
                 escape(result.label) if place == 0 else "", symbol, value_words(estimate), interval_words(estimate),
                 unit, turned, escape(estimate.reason), end_section=place == len(result.quantities()) - 1,
             )  # fmt: skip
-    console.print(table)
+    screen.print(table)
     for result in results:
         verdict, *words = result.words()
         colour = "green" if result.identified else "yellow"
-        console.print(f"[bold]{escape(result.label)}[/]: [{colour}]{escape(verdict)}[/]")
+        screen.print(f"[bold]{escape(result.label)}[/]: [{colour}]{escape(verdict)}[/]")
         for sentence in words:
-            console.print(f"  - {escape(sentence)}")
+            screen.print(f"  - {escape(sentence)}")
         if not result.identified:
-            console.print(_by_frequency(result))
-    console.print(escape(SIGNS))
+            screen.print(_by_frequency(result))
+    screen.print(escape(SIGNS))

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from maglev_ctrl.cli_terminal import progress
 
 ALL_RESOLVED, SOMETHING_UNRESOLVED = 0, 1
 
@@ -25,13 +25,14 @@ def reproduce(
     Writes reproduction.html, reproduction.json and reproduction_data/*.csv, which replace earlier ones as a whole.
     Exit status 1 when a claim stays UNRESOLVED: two ways to its numbers disagree.
     """
-    from maglev_ctrl.report.paper.files import require_writable, write_reproduction
+    from maglev_ctrl.report.folder import require_writable
+    from maglev_ctrl.report.paper.files import write_reproduction
     from maglev_ctrl.study.paper.cases import eddy_current
     from maglev_ctrl.study.paper.records import ClaimVerdict
     from maglev_ctrl.study.paper.run import reproduce as run
 
     require_writable(out)
-    with _progress() as tell:
+    with progress("reproduce") as tell:
         found = run(eddy_current, quick=quick, jobs=jobs, progress=tell)
     paths = write_reproduction(found, out)
     counts = Counter(claim.verdict for claim in found.claims)
@@ -46,24 +47,3 @@ def reproduce(
     for path in paths:
         typer.echo(f"written: {path}")
     raise typer.Exit(SOMETHING_UNRESOLVED if counts[ClaimVerdict.UNRESOLVED] else ALL_RESOLVED)
-
-
-@contextmanager
-def _progress() -> Iterator[Callable[[str, float], None]]:
-    """What is being done, on the error stream: a bar on a terminal, lines elsewhere."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    console = Console(stderr=True, highlight=False)
-    columns = (
-        TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn(),
-    )  # fmt: skip
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("reproduce", total=1.0)
-
-        def tell(message: str, fraction: float) -> None:
-            bar.update(task, description=message, completed=fraction)
-            if not console.is_terminal:
-                typer.echo(f"{100.0 * fraction:3.0f} %  {message}", err=True)
-
-        yield tell

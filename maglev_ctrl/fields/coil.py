@@ -16,9 +16,6 @@ from scipy.special import k0, k1
 
 from maglev_ctrl.arrays import FloatArray
 
-COORDINATES = ("sway", "heave", "roll")
-"""Motions that keep a coil's fore-aft symmetry, in the order of every derivative below."""
-
 
 @dataclass(frozen=True, slots=True)
 class RectangularCoil:

@@ -21,7 +21,7 @@ from scipy.special import k0, k1
 
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.fields.discretize import MU_0, Discretization, discretize
-from maglev_ctrl.fields.mesh import triangulate
+from maglev_ctrl.fields.mesh import Triangulation, triangulate
 from maglev_ctrl.fields.response import GuidewayResponse, Region
 from maglev_ctrl.fields.section import CrossSection
 from maglev_ctrl.fields.spread import Progress, Spread, in_order, one_by_one
@@ -126,26 +126,51 @@ def _prepared(
     """Panels, wavenumbers, and the task that solves one of them."""
     if not 0.0 < speeds[0] <= speeds[1]:
         raise ValueError(f"speed: expected positive speeds, the least first, got {speeds}; at rest there is no force")
-    clearance = min(_clearance(section, region) for region in regions)
+    clearance = _least_clearance(section, regions)
     ends = panels(clearance, section.size)
     conductivities = np.array([conductor.conductivity for conductor in section.conductors])
-    spacing = partial(
-        _local_spacing,
-        section=section,
-        regions=tuple(regions),
-        share=fineness.in_conductor,
-        induction=MU_0 * float(np.max(conductivities)) * (speeds[1] + frequency * clearance),
-    )
-    coarsest = max(8.0 * clearance, 0.1 * section.size)
-    mesh = triangulate(
-        section, finest=fineness.finest * clearance, in_conductor=coarsest, growth=0.5, local=spacing
-    )  # fmt: skip
+    mesh = guideway_mesh(section, regions=regions, speeds=speeds, frequency=frequency, fineness=fineness)
     task = partial(
         current_patterns, discretize(mesh, conductivities, order=order),
         candidates=np.concatenate([_dipole_places(region, clearance) for region in regions], axis=1),
         speeds=speeds, frequency=frequency, fineness=fineness,
     )  # fmt: skip
     return ends, gauss_points(ends, fineness.points), task
+
+
+def guideway_mesh(
+    section: CrossSection,
+    *,
+    regions: Sequence[Region],
+    speeds: tuple[float, float],
+    frequency: float,
+    fineness: Fineness,
+) -> Triangulation:
+    """The mesh a guideway is solved on, fine where coils come near.
+
+    Parameters
+    ----------
+    regions, speeds, frequency, fineness : as for `solve_guideway`
+
+    Raises
+    ------
+    ValueError : a region that touches a conductor
+    """
+    clearance = _least_clearance(section, regions)
+    conductivity = max(conductor.conductivity for conductor in section.conductors)
+    spacing = partial(
+        _local_spacing,
+        section=section,
+        regions=tuple(regions),
+        share=fineness.in_conductor,
+        induction=MU_0 * conductivity * (speeds[1] + frequency * clearance),
+    )
+    coarsest = max(8.0 * clearance, 0.1 * section.size)
+    return triangulate(section, finest=fineness.finest * clearance, in_conductor=coarsest, growth=0.5, local=spacing)
+
+
+def _least_clearance(section: CrossSection, regions: Sequence[Region]) -> float:
+    return min(_clearance(section, region) for region in regions)
 
 
 def _local_spacing(

@@ -43,9 +43,6 @@ FINENESS: dict[Accuracy, Fineness] = {
 height: draft 0.1 % of a force (0.25 % at the ends of the speed range) and 0.7 % of a stiffness, standard 0.015 % and
 0.03 %."""
 
-MOTIONS = ("surge", "sway", "heave", "roll")
-"""Motions of `motion_stiffness`: forwards, away from the wall, up, and turning y towards z about the middle of the
-first coil; the coils of a magnet move as one body."""
 _SECOND = {(1, 1): 4, (1, 2): 5, (1, 3): 6, (2, 2): 7, (2, 3): 8, (3, 3): 9}
 
 
@@ -159,7 +156,8 @@ class EddyCurrentForce(AbstractForceModel):
         return np.asarray(self.strength * found[..., 0]), np.asarray(self.strength * found[..., 1])
 
     def motion_stiffness(self, height: float, gap: float | None, speed: float, frequency: ArrayLike) -> ComplexArray:
-        """Dynamic stiffness Q: forces = Q u for u e^{iwt} in the order of `MOTIONS`; force ON the magnet.
+        """Dynamic stiffness Q: forces = Q u for u e^{iwt} in the order of `forces.dynamic.MOTIONS`; force ON
+        the magnet. Roll is about the middle of the first coil; the coils of a magnet move as one body.
 
         Re Q(0) = k, Im Q = w c, Re Q = k - w^2 m (Eqs. 6-9); c > 0 is negative damping. Exact for every frequency, not
         only slow motion. Complex frequencies w = -i s continue it to growing and decaying motion.

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import os
-import shutil
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal, get_args
 
 from maglev_ctrl.report.content import report_model
+from maglev_ctrl.report.folder import write_whole
 from maglev_ctrl.report.html import html
 from maglev_ctrl.report.pdf import pdf
 from maglev_ctrl.report.serialise import to_json
@@ -40,15 +39,9 @@ def write(
     unknown = [name for name in formats if name not in FORMATS]
     if unknown or not formats or len(set(formats)) != len(formats):
         raise ValueError(f"formats: expected distinct names out of {', '.join(FORMATS)}, got {tuple(formats)}")
-    target = Path(folder)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    staging = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
-    try:
-        for name, content in _contents(comparison, formats).items():
-            (staging / f"report.{name}").write_bytes(content)
-        return _swap(staging, target, tuple(f"report.{name}" for name in formats))
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
+    contents = _contents(comparison, formats)
+    made = {f"report.{name}": contents[name] for name in formats}
+    return write_whole(made, Path(folder), replaced=[f"report.{name}" for name in FORMATS])
 
 
 def _contents(comparison: Comparison, formats: Sequence[Format]) -> dict[Format, bytes]:
@@ -63,30 +56,3 @@ def _contents(comparison: Comparison, formats: Sequence[Format]) -> dict[Format,
     if "json" in formats:
         made["json"] = to_json(comparison).encode()
     return made
-
-
-def _swap(staging: Path, target: Path, names: tuple[str, ...]) -> tuple[Path, ...]:
-    """Move the finished folder into place; in a folder that is already there the whole report is exchanged."""
-    staging.chmod(0o755)
-    if not target.exists():
-        staging.rename(target)
-        return tuple(target / name for name in names)
-    every = tuple(f"report.{one}" for one in FORMATS)
-    earlier = {name for name in every if (target / name).exists()}
-    old = Path(tempfile.mkdtemp(prefix=f".{target.name}-old-", dir=target.parent))
-    try:
-        for name in every:
-            if name in earlier:
-                (target / name).rename(old / name)
-            if name in names:
-                (staging / name).rename(target / name)
-    except BaseException:  # an interrupt too
-        for name in every:
-            if (old / name).exists():
-                (old / name).replace(target / name)
-            elif name not in earlier:
-                (target / name).unlink(missing_ok=True)
-        raise
-    finally:
-        shutil.rmtree(old, ignore_errors=True)
-    return tuple(target / name for name in names)

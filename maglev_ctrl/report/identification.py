@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import shutil
-import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,6 +14,7 @@ import numpy as np
 from maglev_ctrl._version import __version__
 from maglev_ctrl.errors import Verdict
 from maglev_ctrl.report.charts_identification import charts
+from maglev_ctrl.report.folder import write_whole
 from maglev_ctrl.report.html import html
 from maglev_ctrl.report.identification_values import (
     SIGNS,
@@ -64,7 +63,7 @@ def write_identification(
         "identify.csv": to_csv(results),
         "identify.json": to_json(results, files=digests) + "\n",
     }
-    return _whole({name: text.encode() for name, text in made.items()}, Path(folder))
+    return write_whole({name: text.encode() for name, text in made.items()}, Path(folder))
 
 
 def page(results: Sequence[Result], *, files: Mapping[str, str]) -> str:
@@ -143,39 +142,3 @@ def _records(result: Result) -> Table:
 
 def _harmonics(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> str:
     return ", ".join(number(100.0 * float(value), digits=2) for value in values) or ABSENT
-
-
-def _whole(made: Mapping[str, bytes], target: Path) -> tuple[Path, ...]:
-    """All files moved into place, or those of before put back."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    staging = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
-    try:
-        for name, content in made.items():
-            (staging / name).write_bytes(content)
-        if not target.exists():
-            staging.chmod(0o755)
-            staging.rename(target)
-        else:
-            _exchange(staging, target, tuple(made))
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
-    return tuple(target / name for name in made)
-
-
-def _exchange(staging: Path, target: Path, names: Sequence[str]) -> None:
-    old = Path(tempfile.mkdtemp(prefix=f".{target.name}-old-", dir=target.parent))
-    earlier = {name for name in names if (target / name).exists()}
-    try:
-        for name in names:
-            if name in earlier:
-                (target / name).rename(old / name)
-            (staging / name).rename(target / name)
-    except BaseException:  # an interrupt too
-        for name in names:
-            if (old / name).exists():
-                (old / name).replace(target / name)
-            elif name not in earlier:
-                (target / name).unlink(missing_ok=True)
-        raise
-    finally:
-        shutil.rmtree(old, ignore_errors=True)

@@ -129,7 +129,7 @@ class EddyCurrentForces(Record):
     guideway: GuidewayRecord
     coils: Many[CoilRecord] = Field(alias="coil", min_length=1, max_length=40, description="the coils of one magnet")
     accuracy: Literal["draft", "standard", "reference"] = Field(
-        "draft", description="draft 0.2 % of a force, standard 0.02 %; the largest error found stands in the report"
+        "draft", description="draft 0.3 % of a force, standard 0.02 %; the largest error found stands in the report"
     )
     height_range: LengthRange | None = Field(
         None, description="heights to solve for; left out, those of the study and 10 % more"

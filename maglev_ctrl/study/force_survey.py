@@ -23,7 +23,6 @@ from maglev_ctrl.study.eddy_current import SolvedMagnet, solved_magnet
 from maglev_ctrl.study.forces import describe_forces
 
 if TYPE_CHECKING:
-    from maglev_ctrl.fields.coil import RectangularCoil
     from maglev_ctrl.fields.mesh import Triangulation
     from maglev_ctrl.forces.eddy_current import Accuracy, EddyCurrentForce
 
@@ -286,19 +285,13 @@ def _peak(force: AbstractForceModel, domain: Domain, height: float, gap: float |
 
 
 def _geometry(exact: EddyCurrentForce, height: float, gap: float | None) -> Geometry:
-    """The cross-section with a mesh like the one it was solved on."""
-    from maglev_ctrl.fields.mesh import triangulate
+    """The cross-section with the mesh it was solved on."""
+    from maglev_ctrl.fields.solve import guideway_mesh
 
-    coils: tuple[RectangularCoil, ...] = exact.coils
-    domain, beside = exact.domain, 0.0 if gap is None else gap
-    clearance = box_clearance(exact.section, coils, domain.height, domain.gap or (beside, beside))
-    conductivity = max(one.conductivity for one in exact.section.conductors)
-    rate = domain.speed[1] + exact.response.frequency * clearance
-    skin = float(np.sqrt(2.0 * clearance / (4e-7 * np.pi * conductivity * rate)))
-    in_conductor = exact.fineness.in_conductor * min(clearance, 2.5 * skin)
-    mesh = triangulate(
-        exact.section, finest=min(exact.fineness.finest * clearance, in_conductor), in_conductor=in_conductor,
-        growth=0.5,
+    coils, known, beside = exact.coils, exact.response, 0.0 if gap is None else gap
+    mesh = guideway_mesh(
+        exact.section,
+        regions=known.regions, speeds=known.speeds, frequency=known.frequency, fineness=exact.fineness,
     )  # fmt: skip
     near = box_clearance(exact.section, coils, (height, height), (beside, beside))
     return Geometry(exact.section, tuple(coil.sides(beside, height) for coil in coils), near, mesh)

@@ -6,12 +6,10 @@ import csv
 import io
 import json
 import os
-import shutil
-import tempfile
 from pathlib import Path
 from typing import Final
 
-from maglev_ctrl.errors import ScenarioError
+from maglev_ctrl.report.folder import write_whole
 from maglev_ctrl.report.paper.page import page
 from maglev_ctrl.report.serialise import plain
 from maglev_ctrl.study.paper.records import DataTable, Reproduction
@@ -32,18 +30,8 @@ def write_reproduction(found: Reproduction, folder: str | os.PathLike[str]) -> t
     ----------
     folder : made when it does not exist
     """
-    target = Path(folder)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    staging = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
-    try:
-        (staging / PAGE).write_bytes(page(found).encode())
-        (staging / RECORD).write_bytes(to_json(found).encode())
-        (staging / DATA).mkdir()
-        for table in found.tables:
-            (staging / DATA / f"{table.name}.csv").write_bytes(csv_text(table).encode())
-        return _moved(staging, target)
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
+    tables = {f"{DATA}/{table.name}.csv": csv_text(table).encode() for table in found.tables}
+    return write_whole({PAGE: page(found).encode(), RECORD: to_json(found).encode(), **tables}, Path(folder))
 
 
 def to_json(found: Reproduction) -> str:
@@ -95,52 +83,3 @@ def csv_text(table: DataTable) -> str:
     writer.writerow(table.columns)
     writer.writerows([["" if value != value else f"{value:.10g}" for value in row] for row in table.rows])
     return stream.getvalue()
-
-
-def require_writable(folder: Path) -> None:
-    """Find out before minutes of work whether the folder can be written; nothing is left behind.
-
-    Raises
-    ------
-    ScenarioError : it is a file, or it or the folder it stands in cannot be written
-    """
-    if folder.exists() and not folder.is_dir():
-        raise ScenarioError(f"{folder}: expected a folder, got a file; choose another with --out")
-    for place in {_nearest(folder), _nearest(folder.absolute().parent)}:
-        try:
-            Path(tempfile.mkdtemp(prefix=".maglev-ctrl-", dir=place)).rmdir()
-        except OSError as error:
-            reason = error.strerror or str(error)
-            raise ScenarioError(
-                f"{folder}: cannot be written ({place}: {reason}); choose another folder with --out"
-            ) from None
-
-
-def _nearest(path: Path) -> Path:
-    return next(one for one in (path.absolute(), *path.absolute().parents) if one.exists())
-
-
-def _moved(staging: Path, target: Path) -> tuple[Path, ...]:
-    """Exchange the whole reproduction; on any failure what was there before is put back."""
-    staging.chmod(0o755)
-    if not target.exists():
-        staging.rename(target)
-        return tuple(target / name for name in NAMES)
-    old = Path(tempfile.mkdtemp(prefix=f".{target.name}-old-", dir=target.parent))
-    moved: list[str] = []
-    try:
-        for name in NAMES:
-            if (target / name).exists():
-                (target / name).rename(old / name)
-            (staging / name).rename(target / name)
-            moved.append(name)
-    except BaseException:  # an interrupt too
-        for name in NAMES:
-            if name in moved:
-                (target / name).rename(staging / f"undone-{name}")
-            if (old / name).exists():
-                (old / name).rename(target / name)
-        raise
-    finally:
-        shutil.rmtree(old, ignore_errors=True)
-    return tuple(target / name for name in NAMES)
