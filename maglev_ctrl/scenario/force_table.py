@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import math
-import re
 from dataclasses import dataclass
 
 from maglev_ctrl.arrays import FloatArray, read_only
+from maglev_ctrl.scenario.csv_table import HEADER, number, read_rows
 from maglev_ctrl.scenario.problems import Problem, ScenarioProblems, near_match
 from maglev_ctrl.scenario.units import Unit, unit_factor
 
@@ -20,7 +17,6 @@ COLUMNS = {
     "lift": _NEWTON, "guidance": _NEWTON, "drag": _NEWTON,
 }  # fmt: skip
 _OPTIONAL = ("gap", "guidance")
-_HEADER = re.compile(r"\s*([^\[\](]*?)\s*[\[(]\s*(.+?)\s*[\])]\s*")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -47,15 +43,7 @@ def read_force_table(content: bytes, *, shown: str) -> ForceSamples:
     ------
     ScenarioProblems : a missing, doubled or unknown column, a header without a unit, a cell that is no finite number
     """
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = content[: error.start].count(b"\n") + 1
-        raise ScenarioProblems(shown, [Problem(line, 1, "", "expected UTF-8 text")]) from None
-    try:
-        numbered = _rows(text)
-    except csv.Error as error:
-        raise ScenarioProblems(shown, [Problem(1, 1, "", f"expected a CSV table; {error}")]) from None
+    numbered = read_rows(content, shown=shown)
     if len(numbered) < 2:
         raise ScenarioProblems(shown, [Problem(1, 1, "", "expected a header and at least one row of numbers")])
     (header_line, header), *rows = numbered
@@ -67,7 +55,7 @@ def read_force_table(content: bytes, *, shown: str) -> ForceSamples:
             problems.append(Problem(line, 1, "", f"expected {len(names)} cells as in the header, got {len(cells)}"))
             continue
         for name, factor, cell in zip(names, factors, cells, strict=True):
-            value, fault = _number(cell)
+            value, fault = number(cell)
             columns[name].append(value * factor)
             if fault:
                 problems.append(Problem(line, 1 + names.index(name), name, fault))
@@ -82,22 +70,12 @@ def read_force_table(content: bytes, *, shown: str) -> ForceSamples:
     )  # fmt: skip
 
 
-def _rows(text: str) -> list[tuple[int, list[str]]]:
-    """Line number and cells of every row that is neither empty nor a comment."""
-    reader = csv.reader(io.StringIO(text), strict=True)
-    kept = []
-    for cells in reader:
-        if any(cell.strip() for cell in cells) and not cells[0].lstrip().startswith("#"):
-            kept.append((reader.line_num, cells))
-    return kept
-
-
 def _columns(header: list[str], *, shown: str, line: int) -> tuple[list[str], list[float]]:
     names: list[str] = []
     factors: list[float] = []
     problems: list[Problem] = []
     for column, cell in enumerate(header, start=1):
-        match = _HEADER.fullmatch(cell)
+        match = HEADER.fullmatch(cell)
         name = (match[1] if match else cell).strip().casefold()
         if name not in COLUMNS:
             problems.append(Problem(line, column, name, f"unknown column{near_match(name, COLUMNS)}"))
@@ -123,15 +101,3 @@ def _columns(header: list[str], *, shown: str, line: int) -> tuple[list[str], li
     if problems:
         raise ScenarioProblems(shown, problems)
     return names, factors
-
-
-def _number(cell: str) -> tuple[float, str]:
-    """The number in a cell, or 0 and what is wrong with it."""
-    got = cell.strip()[:40]
-    try:
-        value = float(got)
-    except ValueError:
-        return 0.0, f'expected a number, got "{got}"' if got else "expected a number, got nothing"
-    if not math.isfinite(value):
-        return 0.0, f"expected a finite number, got {got}"
-    return value, ""

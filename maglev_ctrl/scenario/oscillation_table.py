@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -11,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from maglev_ctrl.scenario.force_table import _HEADER, _number, _rows
+from maglev_ctrl.scenario.csv_table import HEADER, number, read_rows
 from maglev_ctrl.scenario.problems import Problem, ScenarioProblems, near_match
 from maglev_ctrl.scenario.units import Dimensions, Unit, dimensions_of, unit_factor
 
@@ -92,13 +91,7 @@ def read_oscillation_table(content: bytes, *, shown: str) -> OscillationTable:
     """
     if len(content) > SIZE_LIMIT:
         raise ScenarioProblems(shown, [Problem(0, 0, "", f"expected at most {SIZE_LIMIT // 2**20} MiB")])
-    try:
-        numbered = _rows(content.decode("utf-8-sig"))
-    except UnicodeDecodeError as error:
-        line = content[: error.start].count(b"\n") + 1
-        raise ScenarioProblems(shown, [Problem(line, 1, "", "expected UTF-8 text")]) from None
-    except csv.Error as error:
-        raise ScenarioProblems(shown, [Problem(1, 1, "", f"expected a CSV table; {error}")]) from None
+    numbered = read_rows(content, shown=shown)
     if len(numbered) < 2:
         got = "an empty file" if not numbered else "a header alone"
         raise ScenarioProblems(shown, [Problem(1, 1, "", f"expected a header and at least one row, got {got}")])
@@ -124,7 +117,7 @@ class _Head:
 
 
 def _heads(header: list[str], *, shown: str, line: int) -> tuple[Layout, list[_Head]]:
-    parts = [(_HEADER.fullmatch(cell), cell) for cell in header]
+    parts = [(HEADER.fullmatch(cell), cell) for cell in header]
     names = [" ".join((m[1] if m else cell).replace("_", " ").split()).casefold() for m, cell in parts]
     if len(header) == 1 and ";" in header[0]:
         raise ScenarioProblems(shown, [Problem(line, 1, "", "expected commas between the columns, got semicolons")])
@@ -201,7 +194,7 @@ def _cells(
                 elif not cell.strip() and head.name in MAY_BE_EMPTY:
                     values.append(math.nan)
                 else:
-                    value, fault = _number(cell)
+                    value, fault = number(cell)
                     values.append(value * head.factor)
                     if value != 0.0 and not _LEAST <= abs(values[-1]) <= _MOST:
                         fault = f"expected zero or a size between {_LEAST:g} and {_MOST:g} in SI, got {cell.strip()}"
