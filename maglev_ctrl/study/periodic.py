@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -11,62 +11,17 @@ from maglev_ctrl.analysis.floquet import Floquet, floquet
 from maglev_ctrl.analysis.resonance_map import CriticalDepth, ResonanceMap, critical_depth, resonance_map
 from maglev_ctrl.arrays import FloatArray, read_only_any
 from maglev_ctrl.errors import ModelError, OutOfDomain
-from maglev_ctrl.guideway import passing_frequency
 from maglev_ctrl.scenario.scenario_schema import Periodic
+from maglev_ctrl.study.forcing import Forcing, at_depth
 from maglev_ctrl.study.records import FloquetStudy
-from maglev_ctrl.study.situation import PADE_ORDER, OptionModel, Situation
-from maglev_ctrl.systems import Controller, PeriodicSystem, close_loop, modulate
-from maglev_ctrl.vehicle import Actuator, Vehicle, linearize, stiffness_modulation
+from maglev_ctrl.study.situation import OptionModel
+from maglev_ctrl.systems import Controller, PeriodicSystem
 
 BRACKET = 1e-3  # the deciding depth is checked this far (relative) on either side
-SHORT = 0.2  # rad: largest delay times frequency of a mode at which a delay may be merged into a lag on the map
-LIGHT = 0.5  # damping ratio above which a mode does not resonate
 UNRESOLVED = "UNRESOLVED: the two engines disagree"
 COARSE_STEPS, FINE_STEPS = 6, 12  # of the search for the bottom of a valley
 VALLEYS = 4  # this many of the lowest valleys of the critical depth are followed to their bottom
 PROBES = 2  # where a map shows no instability, this many of its least stable speeds are checked on the full model
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class _Forcing:
-    """The option's periodic system at any speed, its modulation at unit depth.
-
-    `slowed` is the vehicle the map is drawn for. Where the delays are short against every mode, their Pade poles are a
-    hundred times faster than anything the guideway excites, and integrating them over a whole map would cost more than
-    all the rest: there each actuator has one lag with the same phase at low frequency. Elsewhere it is the vehicle
-    itself. The deciding depth is always computed on the full model.
-    """
-
-    model: OptionModel
-    vehicle: Vehicle
-    slowed: Vehicle
-    controller: Controller | None
-    periodic: Periodic
-
-    @classmethod
-    def of(cls, model: OptionModel, controller: Controller | None, periodic: Periodic) -> _Forcing:
-        vehicle = model.vehicle()
-        slowed = vehicle
-        if _delays_are_short(model, vehicle, controller):
-            slowed = replace(vehicle, actuators=tuple(_slowed(actuator) for actuator in vehicle.actuators))
-        return cls(model, vehicle, slowed, controller, periodic)
-
-    @property
-    def merged(self) -> bool:
-        """Whether the map's model merges delay and bandwidth of its actuators."""
-        return self.slowed is not self.vehicle
-
-    def at(self, speed: float, *, full: bool = True) -> PeriodicSystem:
-        """The periodic system at a speed, of the full model or of the one with slowed actuators."""
-        situation = replace(Situation.of_design(self.model.scenario), speed=speed)
-        held, balanced = self.model.balance_of(self.vehicle if full else self.slowed, situation)
-        plant = linearize(held, balanced, pade_order=PADE_ORDER)
-        closed = plant if self.controller is None else close_loop(plant, self.controller)
-        K_cos, K_sin = stiffness_modulation(
-            held, balanced, wavelength=self.periodic.wavelength, harmonics=self.periodic.harmonics
-        )
-        frequency = passing_frequency(speed, self.periodic.wavelength)
-        return modulate(closed, K_cos, K_sin, frequency=frequency)
 
 
 def floquet_study(model: OptionModel, controller: Controller | None) -> FloquetStudy:
@@ -79,8 +34,8 @@ def floquet_study(model: OptionModel, controller: Controller | None) -> FloquetS
     periodic = model.scenario.periodic
     if periodic is None:
         raise ModelError("the scenario describes no periodic forcing")
-    forcing = _Forcing.of(model, controller, periodic)
-    bare = _Forcing.of(OptionModel(model.scenario, None), None, periodic)
+    forcing = Forcing.of(model, controller, periodic)
+    bare = Forcing.of(OptionModel(model.scenario, None), None, periodic)
     speeds, systems = _over_speed(forcing)
     depths = _depths(periodic)
     atlas = resonance_map(
@@ -109,11 +64,6 @@ def floquet_study(model: OptionModel, controller: Controller | None) -> FloquetS
         go_ranges=go,
         no_go_ranges=no_go,
     )
-
-
-def at_depth(system: PeriodicSystem, depth: float) -> PeriodicSystem:
-    """A periodic system given at unit depth, its modulation scaled to a depth."""
-    return replace(system, A_cos=read_only_any(depth * system.A_cos), A_sin=read_only_any(depth * system.A_sin))
 
 
 def critical_depths(atlas: ResonanceMap) -> FloatArray:
@@ -168,7 +118,7 @@ def speed_ranges(
     return tuple(go), tuple(no_go)
 
 
-def _over_speed(forcing: _Forcing) -> tuple[FloatArray, list[PeriodicSystem]]:
+def _over_speed(forcing: Forcing) -> tuple[FloatArray, list[PeriodicSystem]]:
     """The periodic system at every speed of the map that has an equilibrium."""
     grid = forcing.periodic.map.speed
     speeds: list[float] = []
@@ -186,7 +136,7 @@ def _over_speed(forcing: _Forcing) -> tuple[FloatArray, list[PeriodicSystem]]:
     return np.array(speeds), systems
 
 
-def _worst(forcing: _Forcing, atlas: ResonanceMap, curve: FloatArray) -> tuple[float, float, str]:
+def _worst(forcing: Forcing, atlas: ResonanceMap, curve: FloatArray) -> tuple[float, float, str]:
     """Smallest critical depth, its speed and its resonance; NaN where the two engines do not confirm it.
 
     The lowest valleys of the critical depth over speed, and the tongues found between columns, are followed to their
@@ -229,7 +179,7 @@ def _valleys(atlas: ResonanceMap, curve: FloatArray) -> list[tuple[float, float,
     return [(low, at, high) for _, low, at, high in sorted(places)[:VALLEYS]]
 
 
-def _bottom(forcing: _Forcing, valley: tuple[float, float, float], largest: float) -> tuple[float, float]:
+def _bottom(forcing: Forcing, valley: tuple[float, float, float], largest: float) -> tuple[float, float]:
     """Smallest critical depth of the map's model in a valley, and its speed."""
     low, at, high = valley
     seen: dict[float, float] = {}
@@ -259,23 +209,12 @@ def _bottom(forcing: _Forcing, valley: tuple[float, float, float], largest: floa
     return seen[speed], speed
 
 
-def _calm(forcing: _Forcing, atlas: ResonanceMap) -> bool:
+def _calm(forcing: Forcing, atlas: ResonanceMap) -> bool:
     """Whether both engines find the full model stable at the largest depth, at the map's least stable speeds."""
     least_stable = np.argsort(atlas.growth_rate[:, -1])[::-1][:PROBES]
     largest = float(atlas.depths[-1])
     found = (floquet(at_depth(forcing.at(float(atlas.parameter[k])), largest)) for k in least_stable)
     return all(one.stable is True for one in found)
-
-
-def _delays_are_short(model: OptionModel, vehicle: Vehicle, controller: Controller | None) -> bool:
-    """Whether there are delays, and all of them short against every oscillating mode at the design point."""
-    longest = max((actuator.delay for actuator in vehicle.actuators), default=0.0)
-    if longest == 0.0:
-        return False  # nothing to merge
-    s = np.linalg.eigvals(model.closed_of(vehicle, Situation.of_design(model.scenario), controller).state_matrix())
-    oscillating = s[(s.imag > 0.0) & (-s.real < LIGHT * np.abs(s))]
-    fastest = float(np.max(np.abs(oscillating))) if oscillating.size else 0.0
-    return longest * fastest <= SHORT
 
 
 def _depths(periodic: Periodic) -> FloatArray:
@@ -287,13 +226,7 @@ def _depths(periodic: Periodic) -> FloatArray:
     return np.asarray(np.unique(np.concatenate([levels, extra])))
 
 
-def _slowed(actuator: Actuator) -> Actuator:
-    """The actuator with its delay and bandwidth merged into one lag of the same phase at low frequency."""
-    lag = actuator.delay + (1.0 / actuator.bandwidth if actuator.bandwidth else 0.0)
-    return actuator if lag == 0.0 else replace(actuator, delay=0.0, bandwidth=1.0 / lag)
-
-
-def _confirmed(forcing: _Forcing, speed: float, decided: CriticalDepth) -> bool:
+def _confirmed(forcing: Forcing, speed: float, decided: CriticalDepth) -> bool:
     """Whether both engines agree that stability is lost at the depth: stable just below, unstable just above."""
     if not np.isfinite(decided.depth):
         return True
@@ -303,7 +236,7 @@ def _confirmed(forcing: _Forcing, speed: float, decided: CriticalDepth) -> bool:
     return below.stable is True and above.stable is False
 
 
-def _floquet_or_none(forcing: _Forcing, speed: float, depth: float) -> Floquet | None:
+def _floquet_or_none(forcing: Forcing, speed: float, depth: float) -> Floquet | None:
     try:
         return floquet(at_depth(forcing.at(speed), depth))
     except (ModelError, OutOfDomain):

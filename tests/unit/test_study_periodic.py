@@ -10,8 +10,9 @@ import pytest
 
 from maglev_ctrl.analysis.resonance_map import ResonanceMap, SeededTongue, critical_depth, resonance_map
 from maglev_ctrl.scenario import Scenario
+from maglev_ctrl.study.forcing import Forcing, at_depth
 from maglev_ctrl.study.law import design_law
-from maglev_ctrl.study.periodic import UNRESOLVED, _Forcing, at_depth, critical_depths, floquet_study, speed_ranges
+from maglev_ctrl.study.periodic import UNRESOLVED, critical_depths, floquet_study, speed_ranges
 from maglev_ctrl.study.situation import OptionModel
 from maglev_ctrl.systems import PeriodicSystem
 
@@ -88,7 +89,7 @@ def test_the_worst_depth_is_the_bottom_between_the_columns(small_scenario: Calla
     study = floquet_study(model, None)
     assert 0.0 < study.worst_depth < study.largest_depth
     assert study.worst_depth <= np.min(study.critical_depth) * (1.0 + 1e-3)
-    forcing = _Forcing.of(model, None, scenario.periodic)
+    forcing = Forcing.of(model, None, scenario.periodic)
     for factor in (0.997, 0.999, 1.001, 1.003):
         beside = critical_depth(forcing.at(study.worst_speed * factor), depth_max=study.largest_depth).depth
         assert study.worst_depth <= beside * (1.0 + 1e-3)
@@ -135,4 +136,4 @@ def test_only_short_delays_are_merged_into_a_lag(
     model = OptionModel(scenario, scenario.options[2])
     design = design_law(scenario, scenario.options[2], model)
     assert design is not None and scenario.periodic is not None
-    assert _Forcing.of(model, design.controller, scenario.periodic).merged is merged
+    assert Forcing.of(model, design.controller, scenario.periodic).merged is merged

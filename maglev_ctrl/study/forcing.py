@@ -1,0 +1,98 @@
+"""One option's loop under periodic forces: the periodic system in any situation, its modulation at unit depth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from maglev_ctrl.arrays import read_only_any
+from maglev_ctrl.guideway import passing_frequency
+from maglev_ctrl.scenario.scenario_schema import Periodic
+from maglev_ctrl.study.situation import PADE_ORDER, OptionModel, Situation
+from maglev_ctrl.systems import Controller, PeriodicSystem, close_loop, modulate
+from maglev_ctrl.vehicle import Actuator, Vehicle, linearize, stiffness_modulation
+
+SHORT = 0.2  # rad: largest delay times frequency of a mode at which a delay may be merged into a lag on the map
+LIGHT = 0.5  # damping ratio above which a mode does not resonate
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Forcing:
+    """The option's periodic system at any speed, its modulation at unit depth.
+
+    `slowed` is the vehicle the map is drawn for. Where the delays are short against every mode, their Pade poles are a
+    hundred times faster than anything the guideway excites, and integrating them over a whole map would cost more than
+    all the rest: there each actuator has one lag with the same phase at low frequency. Elsewhere it is the vehicle
+    itself. The deciding depth is always computed on the full model.
+    """
+
+    model: OptionModel
+    vehicle: Vehicle
+    slowed: Vehicle
+    controller: Controller | None
+    periodic: Periodic
+
+    @classmethod
+    def of(cls, model: OptionModel, controller: Controller | None, periodic: Periodic) -> Forcing:
+        """The forcing of an option with its law, delays merged into lags on the map where they are short."""
+        vehicle = model.vehicle()
+        slowed = slowed_vehicle(vehicle) if delays_are_short(model, vehicle, controller) else vehicle
+        return cls(model, vehicle, slowed, controller, periodic)
+
+    @property
+    def merged(self) -> bool:
+        """Whether the map's model merges delay and bandwidth of its actuators."""
+        return self.slowed is not self.vehicle
+
+    def at(self, speed: float, *, full: bool = True) -> PeriodicSystem:
+        """The periodic system at a speed, of the full model or of the one with slowed actuators."""
+        situation = replace(Situation.of_design(self.model.scenario), speed=speed)
+        return periodic_system(
+            self.model, self.vehicle if full else self.slowed, situation, self.controller, self.periodic
+        )  # fmt: skip
+
+
+def periodic_system(
+    model: OptionModel, vehicle: Vehicle, situation: Situation, controller: Controller | None, periodic: Periodic
+) -> PeriodicSystem:
+    """The periodic system of a vehicle that is already built, in a situation, at unit depth of modulation.
+
+    Raises
+    ------
+    ModelError : there is no equilibrium
+    OutOfDomain : the forces are not known there
+    """
+    held, balanced = model.balance_of(vehicle, situation)
+    plant = linearize(held, balanced, pade_order=PADE_ORDER)
+    closed = plant if controller is None else close_loop(plant, controller)
+    K_cos, K_sin = stiffness_modulation(
+        held, balanced, wavelength=periodic.wavelength, harmonics=periodic.harmonics
+    )  # fmt: skip
+    return modulate(closed, K_cos, K_sin, frequency=passing_frequency(situation.speed, periodic.wavelength))
+
+
+def at_depth(system: PeriodicSystem, depth: float) -> PeriodicSystem:
+    """A periodic system given at unit depth, its modulation scaled to a depth."""
+    return replace(system, A_cos=read_only_any(depth * system.A_cos), A_sin=read_only_any(depth * system.A_sin))
+
+
+def delays_are_short(model: OptionModel, vehicle: Vehicle, controller: Controller | None) -> bool:
+    """Whether there are delays, and all of them short against every oscillating mode at the design point."""
+    longest = max((actuator.delay for actuator in vehicle.actuators), default=0.0)
+    if longest == 0.0:
+        return False  # nothing to merge
+    s = np.linalg.eigvals(model.closed_of(vehicle, Situation.of_design(model.scenario), controller).state_matrix())
+    oscillating = s[(s.imag > 0.0) & (-s.real < LIGHT * np.abs(s))]
+    fastest = float(np.max(np.abs(oscillating))) if oscillating.size else 0.0
+    return longest * fastest <= SHORT
+
+
+def slowed_vehicle(vehicle: Vehicle) -> Vehicle:
+    """The vehicle with delay and bandwidth of each actuator merged into one lag of the same phase at low frequency."""
+    return replace(vehicle, actuators=tuple(_slowed(actuator) for actuator in vehicle.actuators))
+
+
+def _slowed(actuator: Actuator) -> Actuator:
+    lag = actuator.delay + (1.0 / actuator.bandwidth if actuator.bandwidth else 0.0)
+    return actuator if lag == 0.0 else replace(actuator, delay=0.0, bandwidth=1.0 / lag)
