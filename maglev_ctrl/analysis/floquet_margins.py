@@ -40,7 +40,10 @@ class PeriodicLoop(Protocol):
 
 @dataclass(frozen=True, eq=False, slots=True)
 class FloquetMargins:
-    """All margins of one loop; `gain` and `speed` are (down, up), None where the loop is unstable at its own depth."""
+    """All margins of one loop; `gain` and `speed` are (down, up), None where the loop is unstable at its own depth.
+
+    `gain` is None too where no gain was asked for: a loop without a controller has none.
+    """
 
     depth: PeriodicMargin
     gain: tuple[PeriodicMargin, PeriodicMargin] | None
@@ -49,7 +52,7 @@ class FloquetMargins:
 
 def floquet_margins(
     loop: PeriodicLoop, *, depth: float, speed: float, largest_depth: float,
-    gain_limits: tuple[float, float] = (0.1, 10.0), speed_limits: tuple[float, float], samples: int = 48,
+    gain_limits: tuple[float, float] | None = (0.1, 10.0), speed_limits: tuple[float, float], samples: int = 48,
     max_order: int | None = None,
 ) -> FloquetMargins:  # fmt: skip
     """Depth, gain and speed margins of a loop about one operating point.
@@ -59,7 +62,7 @@ def floquet_margins(
     loop : see `PeriodicLoop`; gain 1 is the design
     depth, speed : the operating point (m/s)
     largest_depth : end of the search over depth
-    gain_limits : factors between which the gain is searched, below and above 1
+    gain_limits : factors between which the gain is searched, below and above 1; None: no gain to change
     speed_limits : m/s, below and above `speed`
     samples, max_order : see `first_instability`
 
@@ -77,15 +80,16 @@ def floquet_margins(
     >>> round(found.depth.value, 4), round(found.gain[0].value, 3), found.speed[1].bound
     (0.04, 0.5, 'lower')
     """
-    low, high = gain_limits
+    low, high = gain_limits or (0.5, 2.0)
     if not (0.0 < low < 1.0 < high and speed_limits[0] < speed < speed_limits[1] and speed_limits[0] > 0.0):
         raise ValueError("limits: expected gain limits around 1 and positive speed limits around the speed")
     at_depth = depth_margin(lambda e: loop(depth=e, gain=1.0, speed=speed), largest=largest_depth, samples=samples,
                             max_order=max_order)  # fmt: skip
     if floquet(loop(depth=depth, gain=1.0, speed=speed)).stable is False:
         return FloquetMargins(at_depth, None, None)
-    gain = gain_margins(lambda k: loop(depth=depth, gain=k, speed=speed), limits=gain_limits, samples=samples,
-                        max_order=max_order)  # fmt: skip
+    gain = None if gain_limits is None else gain_margins(
+        lambda k: loop(depth=depth, gain=k, speed=speed), limits=gain_limits, samples=samples, max_order=max_order,
+    )  # fmt: skip
     over_speed = speed_margins(lambda v: loop(depth=depth, gain=1.0, speed=v), speed=speed, limits=speed_limits,
                                samples=samples, max_order=max_order)  # fmt: skip
     return FloquetMargins(at_depth, gain, over_speed)
