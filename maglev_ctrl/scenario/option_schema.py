@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 from pydantic_core import PydanticCustomError, core_schema
@@ -21,6 +21,7 @@ from maglev_ctrl.scenario.units import (
     SpeedNoise,
     Stiffness,
     Time,
+    Unit,
 )
 
 if TYPE_CHECKING:
@@ -62,11 +63,13 @@ class ActuatorRecord(Record):
 class _Where:
     """Annotation of a place along the vehicle: a length, or the word "bogies"."""
 
+    reads: ClassVar[Unit] = LENGTH
+
     def _validate(self, value: object) -> float | str:
         if value == "bogies":
             return "bogies"
         try:
-            return LENGTH.read(value)
+            return self.reads.read(value)
         except ValueError as error:
             reason = f'{error}, or the word "bogies"'
             raise PydanticCustomError("quantity", "{reason}", {"reason": reason}) from None

@@ -1,4 +1,4 @@
-"""Reading a scenario file: the only way in from TOML."""
+"""Reading a scenario file, and reading it again with other values: the only way in from TOML."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ import json
 import os
 import re
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from copy import deepcopy
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +24,8 @@ from maglev_ctrl.scenario.force_table import SIZE_LIMIT as TABLE_LIMIT
 from maglev_ctrl.scenario.force_table import ForceSamples, read_force_table
 from maglev_ctrl.scenario.layout import layout
 from maglev_ctrl.scenario.messages import faults_of
-from maglev_ctrl.scenario.problems import Fault, Problem, ScenarioProblems
-from maglev_ctrl.scenario.scenario_schema import Origin, Scenario, with_origin
+from maglev_ctrl.scenario.problems import Fault, KeyPath, Problem, ScenarioProblems
+from maglev_ctrl.scenario.scenario_schema import Origin, Scenario, with_origin, with_solved_force
 from maglev_ctrl.scenario.units import Quantity
 
 SIZE_LIMIT = 2**20
@@ -43,30 +45,79 @@ def load(path: str | Path) -> Scenario:
     ------
     ScenarioProblems : a ScenarioError with every fault found, one line each: file:line:column: key: what was expected
     """
-    file = Path(path)
-    text = _text(file, shown=str(path))
-    data = _parse(text, shown=str(path))
+    file, shown = Path(path), str(path)
+    text = _text(file, shown=shown)
+    return _checked(_parse(text, shown=shown), file, text, shown=shown)
+
+
+def with_values(scenario: Scenario, values: Mapping[KeyPath, object]) -> Scenario:
+    """The scenario with values of its file replaced, as they would be written there, and checked again as a whole.
+
+    Data files are not read again and solved forces are kept. Its hash is not that of a file that says the same.
+
+    Raises
+    ------
+    ModelError : the scenario would not be valid, in one sentence with the key
+
+    Examples
+    --------
+    >>> scenario = load("scenarios/periodic/girder_passing.toml")
+    >>> with_values(scenario, {("vehicle", "car", "mass"): "20 t"}).vehicle.car.mass
+    20000.0
+    """
+    origin = scenario.origin
+    data = deepcopy(_parsed(origin.text))
+    for path, value in values.items():
+        _put(data, path, value)
+    try:
+        made = _checked(data, origin.path, origin.text, shown=str(origin.path), read=origin)
+    except ScenarioProblems as error:
+        first = error.problems[0]
+        raise ModelError(f"{first.key}: {first.message}" if first.key else first.message) from None
+    return made if scenario.solved_force is None else with_solved_force(made, scenario.solved_force)
+
+
+@lru_cache(maxsize=4)
+def _parsed(text: str) -> dict[str, Any]:
+    return tomllib.loads(text)
+
+
+def raw_data(scenario: Scenario) -> dict[str, Any]:
+    """What the scenario's file says, as TOML gives it; not to be changed."""
+    return _parsed(scenario.text)
+
+
+def _put(data: Any, path: KeyPath, value: object) -> None:
+    *parents, last = path
+    for part in parents:
+        data = data.setdefault(part, {}) if isinstance(data, dict) else data[part]
+    data[last] = value
+
+
+def _checked(data: dict[str, Any], file: Path, text: str, *, shown: str, read: Origin | None = None) -> Scenario:
+    """A scenario from its data, checked as a whole; `read`: where its data file was read before."""
     try:
         scenario = Scenario.model_validate(data)
     except ValidationError as error:
-        raise _placed(str(path), text, faults_of(error, data)) from None
+        raise _placed(shown, text, faults_of(error, data)) from None
     faults = faults_in(scenario)
-    content, samples = b"", None
+    content, samples = (b"", None) if read is None else (read.hash.encode(), read.force_samples)
     elsewhere: list[Problem] = []
-    if isinstance(scenario.forces, TableForces):
+    if isinstance(scenario.forces, TableForces) and samples is None:
         try:
             content, samples = _force_table(scenario.forces, file)
-            faults.extend(table_faults(scenario, layout(scenario.vehicle), has_gap=samples.gap is not None))
         except ValueError as error:
             faults.append(Fault(("forces", "file"), str(error)))
         except ScenarioProblems as error:
             elsewhere = [replace(problem, file=error.file) for problem in error.problems]
+    if isinstance(scenario.forces, TableForces) and samples is not None:
+        faults.extend(table_faults(scenario, layout(scenario.vehicle), has_gap=samples.gap is not None))
     if faults or elsewhere:
-        raise _placed(str(path), text, faults, elsewhere)
+        raise _placed(shown, text, faults, elsewhere)
     scenario = with_origin(scenario, Origin(file, text, _fingerprint(scenario, content), samples))
     faults = list(_build_faults(scenario))
     if faults:
-        raise _placed(str(path), text, faults)
+        raise _placed(shown, text, faults)
     return scenario
 
 
@@ -242,5 +293,7 @@ def _canonical(value: object) -> object:
 
 
 def _fields(record: BaseModel) -> Iterator[tuple[str, object]]:
+    later = getattr(record, "later_keys", frozenset())
     for name in type(record).model_fields:
-        yield name, _canonical(getattr(record, name))
+        if name not in later or name in record.model_fields_set:
+            yield name, _canonical(getattr(record, name))

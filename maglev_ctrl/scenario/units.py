@@ -346,9 +346,10 @@ def _kind_of(value: object) -> str:
 
 
 LENGTH = Unit("a length", "m", "0.2 m")
-_POSITIVE_LENGTH = Unit("a length", "m", "0.2 m", "positive")
+POSITIVE_LENGTH = Unit("a length", "m", "0.2 m", "positive")
+_NONNEGATIVE_LENGTH = Unit("a length", "m", "0.2 m", "nonnegative")
 _MASS = Unit("a mass", "kg", "88 t", "positive")
-_PAYLOAD = Unit("a mass", "kg", "20 t", "nonnegative")
+PAYLOAD = Unit("a mass", "kg", "20 t", "nonnegative")
 _INERTIA = Unit("a moment of inertia", "kg*m^2", "2.8e7 kg*m^2", "positive")
 _TIME = Unit("a time", "s", "2 ms", "nonnegative")
 _SPEED = Unit("a speed", "m/s", "500 km/h", "positive")
@@ -359,7 +360,7 @@ _DAMPING = Unit("a damping coefficient", "N*s/m", "120 kN*s/m")
 _CONDUCTIVITY = Unit("an electrical conductivity", "S/m", "2.5e7 S/m", "positive")
 _CURRENT = Unit("a current", "A", "616 kA", "positive")
 _SIGNED_CURRENT = Unit("a current", "A", "6 kA")
-_ANY_SPEED = Unit("a speed", "m/s", "500 km/h")
+ANY_SPEED = Unit("a speed", "m/s", "500 km/h")
 _BANDWIDTH = Unit("a frequency", "rad/s", "20 Hz", "positive", angular=True)
 _ANGLE = Unit("an angle", "rad", "30 deg")
 _RATE = Unit("a growth rate", "1/s", "0 1/s")
@@ -374,9 +375,10 @@ KINDS = (
 )  # fmt: skip
 
 Length = Annotated[float, LENGTH]
-PositiveLength = Annotated[float, _POSITIVE_LENGTH]
+PositiveLength = Annotated[float, POSITIVE_LENGTH]
+NonnegativeLength = Annotated[float, _NONNEGATIVE_LENGTH]
 Mass = Annotated[float, _MASS]
-Payload = Annotated[float, _PAYLOAD]
+Payload = Annotated[float, PAYLOAD]
 Inertia = Annotated[float, _INERTIA]
 Time = Annotated[float, _TIME]
 Speed = Annotated[float, _SPEED]
@@ -387,7 +389,7 @@ Damping = Annotated[float, _DAMPING]
 Conductivity = Annotated[float, _CONDUCTIVITY]
 Current = Annotated[float, _CURRENT]
 SignedCurrent = Annotated[float, _SIGNED_CURRENT]
-AnySpeed = Annotated[float, _ANY_SPEED]
+AnySpeed = Annotated[float, ANY_SPEED]
 Bandwidth = Annotated[float, _BANDWIDTH]
 Angle = Annotated[float, _ANGLE]
 Rate = Annotated[float, _RATE]
