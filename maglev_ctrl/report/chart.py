@@ -9,8 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from maglev_ctrl.arrays import FloatArray
-from maglev_ctrl.report.style import INK, Dash, Symbol
+from maglev_ctrl.report.style import INK, Dash, Ramp, Symbol
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -93,7 +96,10 @@ class Rule:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Heat:
-    """Cell colours over a regular grid: z (ny, nx), NaN is left blank; colours from `low` to `high`."""
+    """Cell colours over a regular grid: z (ny, nx), NaN is left blank; colours from `low` to `high`.
+
+    `scale`: where along the panel's height the scale of the colours stands, as two shares of it; None for no scale.
+    """
 
     x: FloatArray
     y: FloatArray
@@ -101,6 +107,20 @@ class Heat:
     label: str
     low: float
     high: float
+    colours: Ramp = "viridis"
+    scale: tuple[float, float] | None = (0.0, 1.0)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Cells:
+    """Cells of a regular grid that are told apart whatever their colour: where `mask` (ny, nx) holds."""
+
+    x: FloatArray
+    y: FloatArray
+    mask: NDArray[np.bool_]
+    label: str
+    colour: str
+    hatched: bool = False
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -116,7 +136,7 @@ class Note:
     boxed: bool = False
 
 
-Item = Line | Marks | Bars | Area | Span | Rule | Heat | Note
+Item = Line | Marks | Bars | Area | Span | Rule | Heat | Cells | Note
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -7,10 +7,14 @@ import numpy as np
 from maglev_ctrl.analysis.resonance_map import SeededTongue
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.report.chart import Axis, Chart, Heat, Item, Line, Marks, Note, Panel, Rule, Span
+from maglev_ctrl.report.labels import Anchor, Room, placed
+from maglev_ctrl.report.raster import even_cells, worst_members
 from maglev_ctrl.report.style import FAIL_COLOUR, INK, PASS_COLOUR, Dash, Symbol, number
 from maglev_ctrl.study.records import FloquetStudy, OptionStudy
 
 _MOST_NAMES = 5
+_MOST_CELLS = 480
+_MAP_SIZE = (5.2, 2.8)  # in
 _KILOMETRES_PER_HOUR = 3.6
 
 
@@ -51,7 +55,7 @@ def resonance_chart(option: OptionStudy, *, design_speed: float) -> Chart | None
         f"at the expected depth of {number(100 * study.expected_depth, '%')}. Map method: {study.map.method}.",
         alt=resonance_words(option.label, study),
         panels=(upper, _bands(study, limits_x)),
-        row_heights=(2.8, 0.16),
+        row_heights=(_MAP_SIZE[1], 0.16),
         share_x=True,
         legend="bottom",
     )
@@ -100,11 +104,10 @@ def tips_below_curve(study: FloquetStudy) -> list[SeededTongue]:
 
 
 def _heat(x: FloatArray, depth: FloatArray, growth: FloatArray, high: float) -> Heat:
-    """The map on a regular grid (nearest cell), as images need one."""
-    x_even, y_even = np.linspace(x[0], x[-1], x.size), np.linspace(depth[0], depth[-1], depth.size)
-    columns = np.abs(x[None, :] - x_even[:, None]).argmin(axis=1)
-    rows = np.abs(depth[None, :] - y_even[:, None]).argmin(axis=1)
-    return Heat(x_even, y_even, growth[np.ix_(columns, rows)].T, "growth rate (1/s)", 0.0, high)
+    """The map on a regular grid, each cell the point of most growth it stands for, as images need one."""
+    (x_even, columns), (y_even, rows) = even_cells(x, most=_MOST_CELLS), even_cells(depth, most=_MOST_CELLS)
+    worst = worst_members(np.where(np.isnan(growth), -np.inf, growth), columns, rows)
+    return Heat(x_even, y_even, growth.ravel()[worst], "growth rate (1/s)", 0.0, high)
 
 
 def _unresolved(study: FloquetStudy, x: FloatArray, depth: FloatArray) -> list[Item]:
@@ -126,22 +129,10 @@ def _narrow(study: FloquetStudy) -> list[Item]:
 
 
 def _names(study: FloquetStudy, x: FloatArray, depth: FloatArray) -> list[Item]:
-    """Names of the tongues that reach lowest, each above its own tip, kept clear of one another."""
-    tips = [(low, at, short_words(name)) for low, at, name in _grid_tips(study, x, depth)]
-    width, height = float(x[-1] - x[0]), float(depth[-1] - depth[0])
-    placed: list[tuple[float, float]] = []
-    items: list[Item] = []
-    for low, at, name in tips[:_MOST_NAMES]:
-        level = max(low + 0.10 * height, 0.12 * height)
-        half = 0.0075 * len(name) * width
-        centre = float(np.clip(at, x[0] + half, x[-1] - half))
-        while any(abs(level - h) < 0.075 * height and abs(centre - c) < 0.6 * width for c, h in placed):
-            level += 0.08 * height
-        if level > depth[-1] - 0.04 * height:
-            continue
-        placed.append((centre, level))
-        items.append(Note(centre, level, name, "center", "center", INK, True))
-    return items
+    """Names of the tongues that reach lowest, each beside its own tip, kept clear of one another and of the map."""
+    anchors = [Anchor(at, low, short_words(name)) for low, at, name in _grid_tips(study, x, depth)[:_MOST_NAMES]]
+    limits = (float(x[0]), float(x[-1])), (0.0, float(depth[-1]))
+    return placed(anchors, Room(*limits, _MAP_SIZE, study.map.unstable.T))[0]
 
 
 def _grid_tips(study: FloquetStudy, x: FloatArray, depth: FloatArray) -> list[tuple[float, float, str]]:

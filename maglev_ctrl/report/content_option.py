@@ -13,6 +13,7 @@ from maglev_ctrl.report.charts_margins import disk_value, nyquist
 from maglev_ctrl.report.charts_modes import boundary_words, energy_ledger, other_sweeps, root_locus, speed_chart
 from maglev_ctrl.report.charts_periodic import resonance_chart, resonance_words, tongue_tips, tongue_words
 from maglev_ctrl.report.charts_shapes import mode_shapes
+from maglev_ctrl.report.content_periodic import floquet_margin_blocks
 from maglev_ctrl.report.findings import unforced_warning
 from maglev_ctrl.report.groups import largest_feeder
 from maglev_ctrl.report.model import Banner, Block, Bullets, Cell, FigureBlock, Paragraph, Section, Table, row
@@ -241,6 +242,7 @@ def _periodic_blocks(comparison: Comparison, option: OptionStudy) -> list[Block]
         caption = f"Resonances of {option.label}{more}: where each begins"
         blocks.append(Paragraph(_mode_numbers(option)))
         blocks.append(Table(caption, ("Resonance", "From depth", "At speed"), lines, (3.0, 1.0, 1.0), (1, 2)))
+    blocks += floquet_margin_blocks(option.label, study.margins, study.margins_reason)
     if study.no_go_ranges:
         rows = tuple(
             row(number(a * _KILOMETRES_PER_HOUR, "km/h"), number(b * _KILOMETRES_PER_HOUR, "km/h"), tongue_words(name))

@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING, Any, Final, assert_never
 import numpy as np
 
 from maglev_ctrl.arrays import FloatArray
-from maglev_ctrl.report.chart import Area, Axis, Bars, Chart, Heat, Item, Line, Marks, Note, Panel, Rule, Span
-from maglev_ctrl.report.legend import DASHES, SYMBOLS, legend_entries
-from maglev_ctrl.report.style import FONT_SIZE, GRID, INK, PAPER, RC, WIDTH, tick_text
+from maglev_ctrl.report.chart import Area, Axis, Bars, Cells, Chart, Heat, Item, Line, Marks, Note, Panel, Rule, Span
+from maglev_ctrl.report.legend import DASHES, HATCH, SYMBOLS, legend_entries
+from maglev_ctrl.report.raster import outer_edges, rectangles
+from maglev_ctrl.report.style import FONT_SIZE, GRID, INK, PAPER, RAMPS, RC, WIDTH, tick_text
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.figure import Figure
 
-HEAT_COLOURS: Final = "viridis"  # one perceptually even ramp for every map
 _LEGEND_WIDTH: Final = 1.75  # in
 _LEGEND_WRAP: Final = 25
 _LINE: Final = 0.15  # in, one line of text
@@ -284,6 +284,8 @@ class _Canvas:
                 self._rule(item)
             case Heat():
                 self._heat(item)
+            case Cells():
+                self._cells(item)
             case Note():
                 self._text(
                     float(f.to_x(item.x)), float(f.to_y(item.y)), item.text, ha=item.horizontal, va=item.vertical,
@@ -334,25 +336,49 @@ class _Canvas:
 
     def _heat(self, item: Heat) -> None:
         """The one thing drawn in axes of its own, because images need them; with its colour scale beside it."""
+        from matplotlib.colors import LinearSegmentedColormap
+
         f, size = self.frame, self.figure.get_size_inches()
         box = (f.left / size[0], f.bottom / size[1], f.width / size[0], f.height / size[1])
+        colours = LinearSegmentedColormap.from_list(item.colours, RAMPS[item.colours])
         axes = self.figure.add_axes(box)
         axes.set_axis_off()
         axes.imshow(
-            np.ma.masked_invalid(item.z), origin="lower", aspect="auto", interpolation="none", cmap=HEAT_COLOURS,
-            extent=_extent(item), vmin=item.low, vmax=item.high,
+            np.ma.masked_invalid(item.z), origin="lower", aspect="auto", interpolation="none", cmap=colours,
+            extent=(*outer_edges(item.x), *outer_edges(item.y)), vmin=item.low, vmax=item.high,
         )  # fmt: skip
         axes.set(xlim=f.x, ylim=f.y, zorder=0.3)
-        scale = _Frame(f.left + f.width + 0.10, f.bottom, 0.11, f.height, (0.0, 1.0), (item.low, item.high))
-        bar = self.figure.add_axes((scale.left / size[0], box[1], scale.width / size[0], box[3]))
+        if item.scale is None:
+            return
+        bottom, height = f.bottom + item.scale[0] * f.height, (item.scale[1] - item.scale[0]) * f.height
+        scale = _Frame(f.left + f.width + 0.10, bottom, 0.11, height, (0.0, 1.0), (item.low, item.high))
+        bar = self.figure.add_axes(
+            (scale.left / size[0], bottom / size[1], scale.width / size[0], height / size[1])
+        )  # fmt: skip
         bar.set_axis_off()
         bar.imshow(
-            np.linspace(0.0, 1.0, 64)[:, None], origin="lower", aspect="auto", interpolation="none", cmap=HEAT_COLOURS
+            np.linspace(0.0, 1.0, 64)[:, None], origin="lower", aspect="auto", interpolation="none", cmap=colours
         )
         canvas = _Canvas(self.figure, scale)
         for value, text in zip(*canvas._ticks(Axis(""), "y"), strict=True):
             self._text(scale.left + 0.15, float(scale.to_y(value)), text, size=FONT_SIZE - 0.5)
-        self._text(scale.left + 0.62, f.bottom + f.height / 2, item.label, ha="center", va="center", rotation=90)
+        self._text(scale.left + 0.62, bottom + height / 2, item.label, ha="center", va="center", rotation=90)
+
+    def _cells(self, item: Cells) -> None:
+        from matplotlib.patches import PathPatch
+        from matplotlib.path import Path
+
+        f, corners = self.frame, []
+        for left, right, low, high in rectangles(item.x, item.y, item.mask):
+            x, y = f.to_x((left, right, right, left, left)), f.to_y((low, low, high, high, low))
+            corners.append(np.column_stack([x, y]))
+        if corners:
+            codes = np.tile([Path.MOVETO, *[Path.LINETO] * 3, Path.CLOSEPOLY], len(corners))
+            patch = PathPatch(
+                Path(np.concatenate(corners), codes), facecolor=item.colour, edgecolor=HATCH, linewidth=0.0,
+                hatch="/////" if item.hatched else None,
+            )  # fmt: skip
+            self._add(patch, order=0.6)
 
 
 def thinned(x: FloatArray, y: FloatArray, *, tolerance: float = 0.0015) -> tuple[FloatArray, FloatArray]:
@@ -381,12 +407,3 @@ def thinned(x: FloatArray, y: FloatArray, *, tolerance: float = 0.0015) -> tuple
         keep[1:-1:2] = ~straight[::2]
         x, y = x[keep], y[keep]
     return x, y
-
-
-def _extent(item: Heat) -> tuple[float, float, float, float]:
-    """Outer edges of the first and last cells, whose centres stand on the grid."""
-    dx = (item.x[-1] - item.x[0]) / max(1, item.x.size - 1) or 1.0
-    dy = (item.y[-1] - item.y[0]) / max(1, item.y.size - 1) or 1.0
-    return (
-        float(item.x[0] - dx / 2), float(item.x[-1] + dx / 2), float(item.y[0] - dy / 2), float(item.y[-1] + dy / 2)
-    )  # fmt: skip

@@ -12,7 +12,10 @@ from typing import Any, Final, assert_never
 import numpy as np
 
 from maglev_ctrl.arrays import FloatArray
-from maglev_ctrl.report.chart import Area, Axis, Bars, Chart, Heat, Item, Line, Marks, Note, Panel, Rule, Span
+from maglev_ctrl.report.chart import Area, Axis, Bars, Cells, Chart, Heat, Item, Line, Marks, Note, Panel, Rule, Span
+from maglev_ctrl.report.legend import HATCH
+from maglev_ctrl.report.raster import rectangles
+from maglev_ctrl.report.style import RAMPS
 
 _SYMBOLS: Final = {
     "circle": "circle", "square": "square", "diamond": "diamond", "cross": "x-thin-open", "triangle": "triangle-up",
@@ -141,9 +144,19 @@ def _add(
             data.append({
                 "type": "heatmap", "x": _values(item.x), "y": _values(item.y),
                 "z": [_values(row, digits=3) for row in item.z],
-                "zmin": item.low, "zmax": item.high, "colorscale": "Viridis", "hoverongaps": False,
-                "colorbar": {"title": {"text": _plain(item.label), "side": "right"}, "thickness": 12},
-                "hovertemplate": "%{x}, %{y}<br>%{z}<extra></extra>", **axes,
+                "zmin": item.low, "zmax": item.high, "colorscale": _colour_scale(item), "hoverongaps": False,
+                **_colour_bar(item, layout["yaxis" + suffix]["domain"]),
+                "hovertemplate": _heat_hover(item, panel), **axes,
+            })  # fmt: skip
+        case Cells():
+            corners = rectangles(item.x, item.y, item.mask)
+            x = [v for left, right, _, _ in corners for v in (left, right, right, left, left, math.nan)]
+            y = [v for _, _, low, high in corners for v in (low, low, high, high, low, math.nan)]
+            pattern = {"shape": "/", "fgcolor": HATCH, "bgcolor": item.colour, "size": 5, "solidity": 0.25}
+            data.append({
+                "type": "scatter", "mode": "lines", "x": _values(np.array(x)), "y": _values(np.array(y)),
+                "fill": "toself", "fillcolor": item.colour, "line": {"width": 0}, "hoverinfo": "skip",
+                **({"fillpattern": pattern} if item.hatched else {}), **_named(item.label, seen), **axes,
             })  # fmt: skip
         case Note():
             layout["annotations"].append({
@@ -154,6 +167,27 @@ def _add(
             })  # fmt: skip
         case _:
             assert_never(item)
+
+
+def _colour_scale(item: Heat) -> list[list[float | str]]:
+    stops = RAMPS[item.colours]
+    return [[round(k / (len(stops) - 1), 4), tint] for k, tint in enumerate(stops)]
+
+
+def _colour_bar(item: Heat, domain: list[float]) -> dict[str, Any]:
+    if item.scale is None:
+        return {"showscale": False}
+    height = domain[1] - domain[0]
+    return {"colorbar": {
+        "title": {"text": _plain(item.label), "side": "right"}, "thickness": 12, "yanchor": "bottom",
+        "y": round(domain[0] + item.scale[0] * height, 4), "len": round((item.scale[1] - item.scale[0]) * height, 4),
+        "ypad": 0,
+    }}  # fmt: skip
+
+
+def _heat_hover(item: Heat, panel: Panel) -> str:
+    x, y, z = _plain(panel.x.label), _plain(panel.y.label), _plain(item.label)
+    return f"{x}: %{{x:.4g}}<br>{y}: %{{y:.4g}}<br>{z}: %{{z:.3g}}<extra></extra>"
 
 
 def _add_span(layout: dict[str, Any], item: Span, suffix: str) -> None:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from maglev_ctrl.report.chart import Area, Bars, Chart, Heat, Line, Marks, Note, Rule, Span
+from maglev_ctrl.report.chart import Area, Bars, Cells, Chart, Heat, Line, Marks, Note, Rule, Span
 from maglev_ctrl.report.style import PAPER, Dash, Symbol
 
 DASHES: Final[dict[Dash, Any]] = {"solid": "-", "dash": (0, (5, 2)), "dot": (0, (1, 1.6)), "dashdot": (0, (5, 2, 1, 2))}
+HATCH: Final = "#000000"  # on light cells whatever the page's theme
 SYMBOLS: Final[dict[Symbol, str]] = {
     "circle": "o", "square": "s", "diamond": "D", "cross": "x", "triangle": "^", "open_circle": "o",
 }  # fmt: skip
@@ -23,7 +24,7 @@ def legend_entries(chart: Chart) -> list[tuple[Any, str]]:
     return [(handle, label) for label, handle in entries.items()]
 
 
-def _handle(item: Line | Rule | Marks | Bars | Area | Span) -> Any:
+def _handle(item: Line | Rule | Marks | Bars | Area | Span | Cells) -> Any:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -47,3 +48,5 @@ def _handle(item: Line | Rule | Marks | Bars | Area | Span) -> Any:
             face, edge = ("none", item.colour) if item.hatched else (item.colour, "none")
             hatch = "///" if item.hatched else None
             return Patch(facecolor=face, edgecolor=edge, alpha=max(item.opacity, 0.2), hatch=hatch, linewidth=0)
+        case Cells():
+            return Patch(facecolor=item.colour, edgecolor=HATCH, hatch="/////" if item.hatched else None, linewidth=0)

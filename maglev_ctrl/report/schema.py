@@ -37,6 +37,43 @@ _REQUIREMENT: Final = {
     },
 }  # fmt: skip
 
+_PERIODIC_MARGIN: Final = {
+    "type": "object",
+    "description": "how far one quantity may go before a Floquet multiplier reaches one; `safe` and `unsafe` are the "
+    "ends of the bracket, verified by both engines, NaN where there is none",
+    "required": ["quantity", "nominal", "limit", "safe", "unsafe", "bound", "agreement", "tongue", "unmodulated",
+                 "missed_width", "sought", "reason"],
+    "properties": {
+        "quantity": {"enum": ["depth", "gain factor", "speed"]},
+        "nominal": _quantity("the design's own value"),
+        "limit": _quantity("where the search ended"),
+        "safe": _quantity("stable as far as this"),
+        "unsafe": _quantity("unstable here"),
+        "bound": {"enum": ["exact", "lower", "upper"], "description": "lower: stable as far as `safe` at least; upper: "
+                  "lost at `unsafe` at the latest"},
+        "agreement": {"enum": ["AGREED", "UNRESOLVED"]},
+        "missed_width": _quantity("an unstable interval narrower than this may be missed unless it is one of `sought`; "
+                                  "a ratio - 1 for the gain factor"),
+        "reason": {"type": "string"},
+    },
+}  # fmt: skip
+_BOTH_WAYS: Final = {
+    "anyOf": [{"type": "null"}, {"type": "array", "items": _PERIODIC_MARGIN}],
+    "description": "down, up",
+}
+_MARGINS: Final = {
+    "type": "object",
+    "required": ["depth", "gain", "speed"],
+    "properties": {"depth": _PERIODIC_MARGIN, "gain": _BOTH_WAYS, "speed": _BOTH_WAYS},
+}
+_FLOQUET: Final = {
+    "type": "object",
+    "properties": {
+        "margins": {"anyOf": [{"type": "null"}, _MARGINS]},
+        "margins_reason": {"type": "string", "description": "why there are no margins, or what is missing among them"},
+    },
+}
+
 SCHEMA: Final[dict[str, Any]] = {
     "$schema": "https://json-schema.org/draft/2020-12/schema",
     "title": "maglev-ctrl comparison, format 1",
@@ -63,7 +100,10 @@ SCHEMA: Final[dict[str, Any]] = {
                 "required": ["name", "label", "kind", "verdict", "failure", "requirements", "modes", "margins",
                              "floquet",
                              "sweeps"],
-                "properties": {"verdict": _VERDICT, "requirements": {"type": "array", "items": _REQUIREMENT}},
+                "properties": {
+                    "verdict": _VERDICT, "requirements": {"type": "array", "items": _REQUIREMENT},
+                    "floquet": {"anyOf": [{"type": "null"}, _FLOQUET]},
+                },
             },
         },
     },

@@ -45,9 +45,15 @@ UNITS: Final[dict[str, str]] = {
     "ChannelMargins.phase": "deg", "ChannelMargins.phase_lag": "deg", "ChannelMargins.phase_lead": "deg",
     "ChannelMargins.delay": "s", "DiskMargin.phase": "deg", "DiskMargin.frequency": "rad/s",
     "MarginValue.frequency": "rad/s", "Margins.poles": "1/s", "PeakGain.frequency": "rad/s",
+    "TongueRow.first_order_centre": "m/s", "TongueRow.first_order_half_width": "m/s",
+    "TongueRow.computed_centre": "m/s", "TongueRow.computed_half_width": "m/s", "TongueRow.peak_growth": "1/s",
+    "TongueRemoval.frequency": "rad/s", "TongueRemoval.growth": "1/s",
+    "TongueCrossing.speed": "m/s", "TongueCrossing.located": "m/s", "TongueCrossing.half_width": "m/s",
+    "TongueCrossing.growth": "1/s",
+    "SpeedRange.lower": "m/s", "SpeedRange.upper": "m/s", "SpeedRange.growth": "1/s",
     "Floquet.error_bound": "1/s", "EngineRecord.exponents": "1/s", "Resonance.detuning": "rad/s",
     "Equilibrium.unbalanced": "N", "Equilibrium.preloads": "N", "MagnetForces.lift": "N",
-    "MagnetForces.guidance": "N", "MagnetForces.drag": "N",
+    "SoughtTongue.growth": "1/s", "MagnetForces.guidance": "N", "MagnetForces.drag": "N",
 }  # fmt: skip
 
 # Left out: matrices that the scenario rebuilds, and working copies that repeat what stands elsewhere.
@@ -134,6 +140,8 @@ def _unit(value: Any, key: str) -> str | None:
             return "%"
         case "Sweep" if name == "values":
             return _SWEEP_UNITS[value.parameter]
+        case "PeriodicMargin" if name in ("nominal", "limit", "safe", "unsafe", "missed_width"):
+            return _PERIODIC_UNITS[value.quantity]
         case "SpringDamper" if name == "stiffness":
             return "N*m/rad" if value.angular else "N/m"
         case "SpringDamper" if name == "damping":
@@ -143,6 +151,8 @@ def _unit(value: Any, key: str) -> str | None:
 
 
 _SWEEP_UNITS: Final = {"speed": "m/s", "payload": "kg", "height": "m", "gap": "m", "lateral_offset": "m"}
+
+_PERIODIC_UNITS: Final = {"depth": "", "gain factor": "", "speed": "m/s"}
 
 
 def _system(system: SecondOrderSystem) -> dict[str, Any]:

@@ -10,6 +10,7 @@ ABSENT: Final = "\N{EN DASH}"
 ALPHA: Final = "\N{GREEK SMALL LETTER ALPHA}"
 
 Dash = Literal["solid", "dash", "dot", "dashdot"]
+Ramp = Literal["viridis", "growth", "decay"]
 Symbol = Literal["circle", "square", "diamond", "cross", "triangle", "open_circle"]
 
 INK: Final = "#1b1b1b"
@@ -27,6 +28,15 @@ PALETTE: Final = (
 )  # fmt: skip
 _SAFE: Final = 8  # colours told apart with every colour blindness; lines beyond them are dashed
 DASHES: Final[tuple[Dash, ...]] = ("solid", "dash", "dashdot", "dot")
+
+# Colours of maps from low to high, each with even steps of lightness. Growth (matplotlib's inferno from its light end)
+# is warm and strong, decay cool and faint: they differ in hue for every colour blindness and in strength on grey paper.
+RAMPS: Final[dict[Ramp, tuple[str, ...]]] = {
+    "viridis": ("#440154", "#482878", "#3e4989", "#31688e", "#26828e", "#1f9e89", "#35b779", "#6ece58", "#b5de2b",
+                "#fde725"),
+    "growth": ("#fbe44b", "#fcb418", "#f98c0a", "#ec6826", "#d24644", "#ad305d", "#84206b", "#5a116e", "#2f0a5b"),
+    "decay": ("#f2f6fa", "#e3ecf4", "#d4e2ee", "#c4d7e7", "#b4cce0", "#a3c0d9"),
+}  # fmt: skip
 
 WIDTH: Final = 6.69  # in: 17 cm, the text width of an A4 page
 FONT_SIZE: Final = 8.0  # pt at print size

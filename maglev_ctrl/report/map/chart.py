@@ -1,0 +1,176 @@
+"""The stability map as a chart: growth where it is unstable, decay where it is stable, and never a guess between."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from maglev_ctrl.analysis.plane_records import NO_ANSWER, STABLE, UNRESOLVED, UNSTABLE, StabilityPlane
+from maglev_ctrl.report.chart import Axis, Cells, Chart, Heat, Item, Line, Marks, Panel, Rule
+from maglev_ctrl.report.labels import Anchor, Room, placed
+from maglev_ctrl.report.map.picture import Picture, boundary, picture, region_anchors
+from maglev_ctrl.report.map.words import percent, reasons, scan_words
+from maglev_ctrl.report.raster import outer_edges
+from maglev_ctrl.report.style import number
+from maglev_ctrl.study.map.records import MapQuantity, OptionMap
+
+BLACK: Final = "#000000"  # on the map's own light colours whatever the page's theme
+_GREY: Final = "#9b9b9b"
+_PALE: Final = "#f4f4f4"
+_STRONG: Final = "#f98c0a"
+_MOST_NAMES: Final = 24
+_SIZE: Final = (5.2, 3.4)  # in, of a map alone
+_PAIR: Final = (2.25, 2.3)  # in, of two side by side
+_GAP: Final = 0.05  # of the panel's height between the two scales
+
+
+def map_chart(option: OptionMap, plane: StabilityPlane, x: MapQuantity, y: MapQuantity) -> Chart:
+    """The map of one option."""
+    shown = picture(plane, scale=(x.scale, y.scale))
+    panel, hidden = _panel(plane, shown, x, y, limits=_limits([shown]), size=_SIZE)
+    return Chart(
+        key=f"{option.name}-map",
+        caption=f"Stability of {option.label} over {x.label} and {y.label}. {_legend_words(shown, plane, hidden)}",
+        alt=map_alt(option, plane, x, y), panels=(panel,), row_heights=(_SIZE[1],), legend="bottom",
+    )  # fmt: skip
+
+
+def pair_chart(
+    option: OptionMap, planes: Sequence[tuple[str, StabilityPlane]], x: MapQuantity, y: MapQuantity
+) -> Chart:
+    """Maps of two laws side by side with the same colours."""
+    shown = [picture(plane, scale=(x.scale, y.scale)) for _, plane in planes]
+    limits = _limits(shown)
+    panels = [
+        _panel(plane, one, x, y, limits=limits, size=_PAIR, title=title, scales=plane is planes[-1][1])[0]
+        for (title, plane), one in zip(planes, shown, strict=True)
+    ]
+    told = "; ".join(f"{title}: {share_words(plane)}" for title, plane in planes)
+    return Chart(
+        key=f"{option.name}-laws-map",
+        caption=f"{option.label} under two laws, same axes and colours. {told}. Signs as in the map above.",
+        alt=f"Stability of {option.label} over {x.label} and {y.label} under two laws. {told}.",
+        panels=tuple(panels), columns=len(panels), row_heights=(_PAIR[1],), legend="bottom",
+    )  # fmt: skip
+
+
+def axis_words(quantity: MapQuantity) -> str:
+    """Label of an axis with its unit."""
+    return f"{quantity.label} ({quantity.unit})" if quantity.unit else quantity.label
+
+
+def share_words(plane: StabilityPlane) -> str:
+    """How much of a map is in each state; what is undecided or without an answer is told beside what is stable."""
+    parts = [f"{percent(plane.share(UNSTABLE))} of the map unstable", f"{percent(plane.share(STABLE))} stable"]
+    parts += [
+        f"{percent(plane.share(state))} {words}"
+        for state, words in ((UNRESOLVED, "UNRESOLVED"), (NO_ANSWER, "without an answer"))
+        if plane.share(state) > 0.0
+    ]
+    return ", ".join(parts)
+
+
+def map_alt(option: OptionMap, plane: StabilityPlane, x: MapQuantity, y: MapQuantity) -> str:
+    """The map in words."""
+    ranges = " and ".join(
+        f"{q.label} from {number(float(q.values[0]) * q.scale)} to {number(float(q.values[-1]) * q.scale, q.unit)}"
+        for q in (x, y)
+    )
+    names = ", ".join(dict.fromkeys(one.text for one in region_anchors(picture(plane), plane)))
+    return f"Stability map of {option.label} over {ranges}: {share_words(plane)}. Unstable regions: {names or 'none'}."
+
+
+def _limits(shown: Sequence[Picture]) -> tuple[float, float]:
+    """Largest growth and largest decay drawn, 1/s; 0 where there is none."""
+    growth = np.concatenate([one.growth[one.where(UNSTABLE)].ravel() for one in shown])
+    decay = -np.concatenate([one.growth[one.where(STABLE)].ravel() for one in shown])
+    fastest, slowest = (values[np.isfinite(values)] for values in (growth, decay))
+    return (
+        float(np.max(fastest)) if fastest.size else 0.0,
+        max(float(np.max(slowest)), 0.0) if slowest.size else 0.0,
+    )
+
+
+def _panel(
+    plane: StabilityPlane, shown: Picture, x: MapQuantity, y: MapQuantity, *, limits: tuple[float, float],
+    size: tuple[float, float], title: str = "", scales: bool = True,
+) -> tuple[Panel, int]:  # fmt: skip
+    """One map and the number of regions without a name in it."""
+    x_limits, y_limits = outer_edges(shown.x), outer_edges(shown.y)
+    items = [*_colours(shown, limits, scales=scales)]
+    across, up = boundary(shown)
+    if across.size:
+        items.append(Line(across, up, "boundary of stability", BLACK, "solid", 0.8))
+    design, words = _design(x, y, x_limits, y_limits)
+    items += design
+    anchors = region_anchors(shown, plane)
+    room = Room(x_limits, y_limits, size, shown.where(UNSTABLE))
+    names, left_out = placed(anchors[:_MOST_NAMES], room, taken=words, line=BLACK)
+    axes = Axis(axis_words(x), limits=x_limits), Axis(axis_words(y), limits=y_limits)
+    return Panel((*items, *names), *axes, title=title), left_out + max(0, len(anchors) - _MOST_NAMES)
+
+
+def _colours(shown: Picture, limits: tuple[float, float], *, scales: bool) -> list[Item]:
+    """Growth, decay, and the cells that have neither."""
+    known = np.isfinite(shown.growth)
+    growing, still = shown.where(UNSTABLE) & known, shown.where(STABLE) & known
+    both = bool(growing.any() and still.any())
+    items: list[Item] = []
+    if growing.any():
+        high = limits[0] or 1.0
+        upper = ((0.5 + _GAP / 2, 1.0) if both else (0.0, 1.0)) if scales else None
+        z = np.where(growing, shown.growth, np.nan)
+        items.append(Heat(shown.x, shown.y, z, "unstable: growth rate (1/s)", 0.0, high, "growth", upper))
+    if still.any():
+        high = limits[1] or 1.0
+        lower = ((0.0, 0.5 - _GAP / 2) if both else (0.0, 1.0)) if scales else None
+        z = np.where(still, -shown.growth, np.nan)
+        items.append(Heat(shown.x, shown.y, z, "stable: decay rate (1/s)", 0.0, high, "decay", lower))
+    for mask, words, tint, hatched in (
+        (shown.where(UNSTABLE) & ~known, "unstable, growth not computed", _STRONG, False),
+        (shown.where(STABLE) & ~known, "stable, decay not computed", "#d4e2ee", False),
+        (shown.where(UNRESOLVED), "UNRESOLVED", _PALE, True),
+        (shown.where(NO_ANSWER), "no answer", _GREY, False),
+    ):
+        if mask.any():
+            items.append(Cells(shown.x, shown.y, mask, words, tint, hatched))
+    return items
+
+
+def _design(
+    x: MapQuantity, y: MapQuantity, x_limits: tuple[float, float], y_limits: tuple[float, float]
+) -> tuple[list[Item], list[Anchor]]:
+    """Lines through the scenario's own values and the point where they meet, and the room that takes."""
+    items: list[Item] = []
+    at = (x.design * x.scale, y.design * y.scale)
+    inside = tuple(low <= value <= high for value, (low, high) in zip(at, (x_limits, y_limits), strict=True))
+    for axis, q, value, seen in (("x", x, at[0], inside[0]), ("y", y, at[1], inside[1])):
+        if seen:
+            label = f"design {q.label} {number(value, q.unit)}"
+            items.append(Rule("x" if axis == "x" else "y", value, label, BLACK, "dot" if axis == "x" else "dash", 0.9))
+    if not all(inside):
+        return items, []
+    items.append(Marks(np.array([at[0]]), np.array([at[1]]), "diamond", "design point", BLACK, 5.0, ("design point",)))
+    return items, [Anchor(at[0], at[1], " ")]
+
+
+def _legend_words(shown: Picture, plane: StabilityPlane, hidden: int) -> str:
+    """What the colours and signs of this very map stand for."""
+    words = []
+    if shown.where(UNSTABLE).any():
+        words.append("Strong colours are unstable: the growth rate; names say which modes feed each other.")
+    if shown.where(STABLE).any():
+        words.append("Faint blue is stable: the decay rate of the slowest motion.")
+    if any(one.text == "none" for one in region_anchors(shown, plane)):
+        words.append('"none": unstable without any resonance.')
+    if shown.where(UNRESOLVED).any():
+        words.append("Hatched is UNRESOLVED: the methods do not decide, it does not count as stable.")
+    if shown.where(NO_ANSWER).any():
+        words.append(f"Grey has no answer: {reasons(plane)}.")
+    if hidden:
+        words.append(f"{hidden} smaller unstable region(s) are drawn without a name.")
+    if shown.gathered:
+        words.append("Each cell of the picture stands for several points and shows the worst of them.")
+    return " ".join((*words, scan_words(plane)))

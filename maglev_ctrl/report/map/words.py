@@ -1,0 +1,175 @@
+"""Sentences about stability maps, the same on the page, on paper and on the terminal."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from maglev_ctrl.analysis.first_instability import PeriodicMargin
+from maglev_ctrl.analysis.plane_records import NO_ANSWER, STABLE, UNRESOLVED, UNSTABLE, StabilityPlane
+from maglev_ctrl.analysis.tongue_atlas import SpeedRange, TongueAtlas
+from maglev_ctrl.errors import Agreement
+from maglev_ctrl.report.charts_periodic import short_words
+from maglev_ctrl.report.style import ABSENT, number
+from maglev_ctrl.study.map.records import MapQuantity, MapStudy, OptionMap
+
+HOW_TO_READ = (
+    "Every point of a map is the vehicle at one pair of values: strong colours grow, faint blue decays, the black line "
+    "lies between, and the cross of thin lines is the scenario's own design. An unstable region is named by the modes "
+    "that feed each other through the passing frequency: 2 w1 is mode 1 alone, w1 + w2 and w2 - w1 are two modes "
+    'together, "/2" the same at half the passing frequency, "none" an instability that needs no modulation. Hatched '
+    "and grey are not stable: there the methods do not decide, or the model has no answer."
+)
+VERDICTS = {"go": "go", "no-go": "no go", "unresolved": "UNRESOLVED"}
+
+
+def percent(share: float) -> str:
+    """A share in per cent that never rounds something to nothing or a part to all.
+
+    Examples
+    --------
+    >>> percent(0.0), percent(1e-7), percent(0.254), percent(0.99999)
+    ('0 %', 'less than 0.1 %', '25.4 %', 'more than 99.9 %')
+    """
+    if share in (0.0, 1.0):
+        return number(100.0 * share, "%", digits=3)
+    if share < 1e-3:
+        return "less than 0.1 %"
+    return "more than 99.9 %" if share > 0.999 else f"{100.0 * share:.1f} %"
+
+
+def scan_words(plane: StabilityPlane) -> str:
+    """How the map was scanned and what it could have missed."""
+    filled = float(np.mean(plane.interpolated))
+    words = f"{plane.state.shape[0]} x {plane.state.shape[1]} points, {plane.evaluated} computed"
+    words += f", {percent(filled)} filled in between computed points of one state" if filled else ""
+    words += f", {len(plane.checked)} decided again by Hill's method." if len(plane.checked) else "."
+    return words
+
+
+def missed_words(plane: StabilityPlane, x: MapQuantity) -> str:
+    """What could lie between the points."""
+    if math.isnan(plane.missed_width):
+        return f"How narrow an unstable strip along {x.label} may be and still be missed is not bounded."
+    width = number(plane.missed_width * x.scale, x.unit)
+    return f"An unstable strip along {x.label} narrower than {width} may be missing."
+
+
+def reasons(plane: StabilityPlane) -> str:
+    """Why parts of the map have no answer."""
+    return "; ".join(dict.fromkeys(fault.rstrip(".") for fault in plane.faults)) or "no reason was recorded"
+
+
+def depth_axis(study: MapStudy, plane: StabilityPlane) -> str | None:
+    """Which axis is the depth of modulation: "x", "y" or None."""
+    for name, axis, quantity in (("y", plane.y, study.y), ("x", plane.x, study.x)):
+        if axis.linear or "depth" in f"{axis.name} {quantity.quantity} {quantity.label}".lower():
+            return name
+    return None
+
+
+def critical_depth_words(study: MapStudy, plane: StabilityPlane) -> str:
+    """Smallest depth of the map that is unstable anywhere; what is undecided below it comes first."""
+    axis = depth_axis(study, plane)
+    if axis is None:
+        return ABSENT
+    depth, other = (study.y, study.x) if axis == "y" else (study.x, study.y)
+    values, places = (plane.y.values, plane.x.values) if axis == "y" else (plane.x.values, plane.y.values)
+    state = plane.state if axis == "y" else plane.state.T
+    lost, doubt = (_first(state == one) for one in (UNSTABLE, UNRESOLVED))
+    blank = _first(state == NO_ANSWER)
+    words = []
+    for found, text in ((doubt, "UNRESOLVED from"), (blank, "no answer from")):
+        if found is not None and (lost is None or found[1] <= lost[1]):
+            words.append(f"{text} {number(float(values[found[1]]) * depth.scale, depth.unit)}")
+    if lost is None:
+        end = number(float(values[-1]) * depth.scale, depth.unit)
+        return "; ".join(words) if words else f"none up to {end}"
+    at = number(float(places[lost[0]]) * other.scale, other.unit)
+    if lost[1] == 0 and values[0] == 0.0:
+        words.append(f"unstable without modulation, at {at}")
+    elif lost[1] == 0:
+        words.append(f"at most {number(float(values[0]) * depth.scale, depth.unit)}, the map's smallest, at {at}")
+    else:
+        words.append(f"{number(float(values[lost[1]]) * depth.scale, depth.unit)} at {at}")
+    return "; ".join(words)
+
+
+def _first(mask: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]) -> tuple[int, int] | None:
+    """Indices (other axis, depth) of the smallest depth that is marked."""
+    depths = np.flatnonzero(mask.any(axis=0))
+    if not depths.size:
+        return None
+    column = int(depths[0])
+    return int(np.flatnonzero(mask[:, column])[0]), column
+
+
+def ranges_words(atlas: TongueAtlas | None, speed: tuple[float, str], verdict: str) -> str:
+    """The speeds of one verdict, as "100 to 200, 250 to 300 km/h"; `speed` is display over SI and the unit."""
+    if atlas is None:
+        return ABSENT
+    told = [span_words(one, speed[0]) for one in atlas.ranges if one.verdict == verdict]
+    return f"{', '.join(told)} {speed[1]}" if told else "none"
+
+
+def span_words(one: SpeedRange, scale: float) -> str:
+    """Both ends of a range, with as many digits as tell them apart."""
+    low, high = one.lower * scale, one.upper * scale
+    digits = 4
+    while digits < 9 and number(low, digits=digits) == number(high, digits=digits):
+        digits += 1
+    return f"{number(low, digits=digits)} to {number(high, digits=digits)}"
+
+
+def worst_tongue(option: OptionMap) -> str:
+    """The tongue of most growth at the design depth, else the region of most growth on the map."""
+    rows = [one for one in option.tongues if math.isfinite(one.peak_growth) and one.peak_growth > 0.0]
+    if rows:
+        worst = max(rows, key=lambda one: one.peak_growth)
+        return f"{short_words(worst.resonance.name)}, {number(worst.peak_growth, '1/s')}"
+    if any(one.reason for one in option.tongues):
+        return "UNRESOLVED" if not any(math.isfinite(one.computed_centre) for one in option.tongues) else "none"
+    return "none" if option.tongues else ABSENT
+
+
+def margin_words(margin: PeriodicMargin | None, scale: float, unit: str, *, digits: int = 3) -> str:
+    """The margin with what kind of bound it is; never a number where nothing was decided."""
+    if margin is None:
+        return ABSENT
+    if margin.agreement is Agreement.UNRESOLVED or math.isnan(margin.value):
+        return "UNRESOLVED"
+    # The search may run up or down: "as far as" is then at least or at most the value.
+    upwards = margin.limit > margin.nominal
+    sign = {"exact": "", "lower": "≥ " if upwards else "≤ ", "upper": "≤ " if upwards else "≥ "}[margin.bound]
+    return sign + number(margin.value * scale, unit, digits=digits)
+
+
+def bound_sentence(margin: PeriodicMargin) -> str:
+    """What kind of bound a margin is."""
+    if margin.agreement is Agreement.UNRESOLVED:
+        return f"UNRESOLVED: {margin.reason or 'no reason was recorded'}"
+    words = {
+        "exact": "lost inside the bracket, nothing nearer found",
+        "lower": "stable as far as searched",
+        "upper": "lost there at the latest, a nearer place is undecided",
+    }[margin.bound]
+    return f"{words}: {margin.reason}" if margin.reason and margin.bound != "exact" else words
+
+
+def share(option: OptionMap, state: int) -> str:
+    """The share of an option's map in a state."""
+    return ABSENT if option.plane is None else percent(option.plane.share(state))
+
+
+def option_sentence(option: OptionMap) -> str:
+    """What a hurried reader takes from an option's map."""
+    plane = option.plane
+    if option.failure or plane is None:
+        return f"{option.label}: no map. {option.failure or 'No reason was recorded'}"
+    words = f"{option.label}: {percent(plane.share(UNSTABLE))} of the map is unstable"
+    if plane.share(UNRESOLVED):
+        words += f", {percent(plane.share(UNRESOLVED))} UNRESOLVED"
+    if plane.share(NO_ANSWER):
+        words += f", {percent(plane.share(NO_ANSWER))} without an answer"
+    return f"{words}, {percent(plane.share(STABLE))} stable."
