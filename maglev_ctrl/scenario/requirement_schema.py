@@ -13,6 +13,12 @@ Over = Literal["nominal", "speed", "payload", "height", "gap", "lateral_offset"]
 _AT_LEAST = "smallest value that passes"
 _AT_MOST = "largest value that passes"
 
+FLOQUET_MARGINS = ("floquet_gain_margin", "floquet_speed_margin")
+"""Quantities that ask for a search along gain and speed under the expected modulation."""
+
+PERIODIC_QUANTITIES = ("modulation_ratio", "modulation_depth", *FLOQUET_MARGINS)
+"""Quantities that need the table [periodic]."""
+
 
 class _RequirementBase(Record):
     name: Name = Field(description="unique name")
@@ -56,15 +62,17 @@ class RateRequirement(_RequirementBase):
 class RatioRequirement(_RequirementBase):
     """Damping ratio, disk margin, and margins that are fractions of their expected or design value."""
 
-    quantity: Literal["damping_ratio", "disk_margin", "modulation_ratio", "modulation_depth", "speed_margin"]
+    quantity: Literal[
+        "damping_ratio", "disk_margin", "modulation_ratio", "modulation_depth", "floquet_speed_margin", "speed_margin"
+    ]
     at_least: Ratio | None = Field(None, description=_AT_LEAST)
     at_most: Ratio | None = Field(None, description=_AT_MOST)
 
 
 class GainRequirement(_RequirementBase):
-    """Gain margin, the smaller of gain reduction and gain increase."""
+    """Gain margin, the smaller of gain reduction and gain increase; the Floquet one under the expected modulation."""
 
-    quantity: Literal["gain_margin"]
+    quantity: Literal["gain_margin", "floquet_gain_margin"]
     at_least: Decibel | None = Field(None, description=_AT_LEAST)
     at_most: Decibel | None = Field(None, description=_AT_MOST)
 

@@ -10,6 +10,7 @@ from maglev_ctrl.analysis.floquet_margins import FloquetMargins, floquet_margins
 from maglev_ctrl.errors import MaglevError, NotStable
 from maglev_ctrl.scenario.scenario_schema import Periodic
 from maglev_ctrl.study.forcing import Forcing, at_depth
+from maglev_ctrl.study.modulation import depth_of
 from maglev_ctrl.study.situation import OptionModel
 from maglev_ctrl.systems import Controller, PeriodicSystem
 
@@ -19,6 +20,7 @@ SAMPLES = 24
 REACH = 0.1
 """The search over speed goes at least this share of the design speed either way, also where the map ends nearer."""
 
+NOT_ASKED = "no requirement asks for floquet_gain_margin or floquet_speed_margin; the verb map always computes them"
 UNFORCED = "no margins: unstable without modulation at the design point"
 NO_CONTROLLER = "no gain margin: the option has no controller"
 LOST = "no gain and speed margins: unstable at the expected depth and the design speed"
@@ -43,7 +45,7 @@ def option_margins(
     the margins, None where there are none; and why something is missing ("" where nothing is)
     """
     forcing = Forcing.of(model, controller, periodic)
-    design_speed = model.scenario.operating.speed
+    design_speed, expected = model.scenario.operating.speed, depth_of(model.scenario)
     grid = periodic.map
     units: dict[tuple[float, float], PeriodicSystem] = {}
 
@@ -56,7 +58,7 @@ def option_margins(
 
     try:
         found = floquet_margins(
-            loop, depth=periodic.depth, speed=design_speed, largest_depth=max(grid.depth.last, periodic.depth),
+            loop, depth=expected, speed=design_speed, largest_depth=max(grid.depth.last, expected),
             gain_limits=None if controller is None else (0.1, 10.0), samples=samples,
             speed_limits=(min(grid.speed.first, (1.0 - REACH) * design_speed),
                           max(grid.speed.last, (1.0 + REACH) * design_speed)),

@@ -11,7 +11,9 @@ from maglev_ctrl.analysis.floquet import Floquet, floquet
 from maglev_ctrl.analysis.resonance_map import CriticalDepth, ResonanceMap, critical_depth, resonance_map
 from maglev_ctrl.arrays import FloatArray, read_only_any
 from maglev_ctrl.errors import ModelError, OutOfDomain
+from maglev_ctrl.scenario.requirement_schema import FLOQUET_MARGINS
 from maglev_ctrl.scenario.scenario_schema import Periodic
+from maglev_ctrl.study.floquet_margins import NOT_ASKED, option_margins
 from maglev_ctrl.study.forcing import Forcing, at_depth
 from maglev_ctrl.study.records import FloquetStudy
 from maglev_ctrl.study.situation import OptionModel
@@ -50,6 +52,8 @@ def floquet_study(model: OptionModel, controller: Controller | None) -> FloquetS
     worst = _worst(forcing, atlas, curve)
     design_speed = model.scenario.operating.speed
     go, no_go = speed_ranges(atlas, curve, periodic.depth)
+    asked = any(requirement.quantity in FLOQUET_MARGINS for requirement in model.scenario.requirements)
+    margins, reason = option_margins(model, controller, periodic) if asked else (None, NOT_ASKED)
     return FloquetStudy(
         wavelength=periodic.wavelength,
         expected_depth=periodic.depth,
@@ -63,6 +67,8 @@ def floquet_study(model: OptionModel, controller: Controller | None) -> FloquetS
         worst_resonance=worst[2],
         go_ranges=go,
         no_go_ranges=no_go,
+        margins=margins,
+        margins_reason=reason,
     )
 
 

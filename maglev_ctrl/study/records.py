@@ -7,6 +7,7 @@ from typing import Literal
 
 from maglev_ctrl.analysis.boundary import Boundaries
 from maglev_ctrl.analysis.floquet import Floquet
+from maglev_ctrl.analysis.floquet_margins import FloquetMargins
 from maglev_ctrl.analysis.margins import Margins
 from maglev_ctrl.analysis.modes import Modes
 from maglev_ctrl.analysis.resonance_map import ResonanceMap
@@ -88,6 +89,8 @@ class FloquetStudy:
     worst_resonance: str  # the tongue that decides, named
     go_ranges: tuple[tuple[float, float], ...]  # speed ranges (m/s) stable at the expected depth
     no_go_ranges: tuple[tuple[float, float, str], ...]  # (from, to, tongue)
+    margins: FloquetMargins | None  # about the design point at the expected depth, on the full model
+    margins_reason: str  # why there are none, or what is missing among them; "" otherwise
 
 
 @dataclass(frozen=True, eq=False, slots=True)

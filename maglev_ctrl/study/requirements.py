@@ -4,42 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
 from maglev_ctrl.analysis.boundary import margin_to_boundary
 from maglev_ctrl.analysis.margins import Margins
 from maglev_ctrl.analysis.modes import Modes, StabilityVerdict
-from maglev_ctrl.errors import Agreement, Verdict
+from maglev_ctrl.errors import Verdict
 from maglev_ctrl.scenario import RequirementRecord
 from maglev_ctrl.study.evidence import Evidence, SweepCheck
+from maglev_ctrl.study.finding import Finding, missing
 from maglev_ctrl.study.records import RequirementResult, Sweep
+from maglev_ctrl.study.requirements_periodic import floquet_gain, floquet_speed, modulation
 from maglev_ctrl.study.sweeps import least_damping, place
 
 ROUNDING = 1e-12
+FROM_THE_DESIGN = (
+    "speed_margin", "payload_margin", "height_margin", "gap_margin", "floquet_gain_margin", "floquet_speed_margin",
+)  # fmt: skip
 EIGENVALUES = "eigenvalues with error bounds, confirmed by Lyapunov inertia"
-
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """A quantity's value (SI, dB for gains) and where it was found; or why there is none.
-
-    `bound` is "lower" where the true value is at least this, "upper" where it is at most this: such a value decides
-    only where the true one has to lie on the same side of the limit.
-    """
-
-    value: float
-    where: str = ""
-    method: str = ""
-    reason: str = ""
-    bound: Literal["exact", "lower", "upper"] = "exact"
-
-
-def missing(reason: str) -> Finding:
-    """No value, with the reason."""
-    return Finding(math.nan, reason=reason)
 
 
 def judge(requirement: RequirementRecord, evidence: Evidence) -> RequirementResult:
@@ -83,7 +66,7 @@ def shown(limit: float) -> float:
 
 
 def _scope(requirement: RequirementRecord) -> str:
-    if requirement.quantity in ("speed_margin", "payload_margin", "height_margin", "gap_margin"):
+    if requirement.quantity in FROM_THE_DESIGN:
         return "from the design point"
     if requirement.quantity in ("modulation_ratio", "modulation_depth"):
         return "over the map's speeds"
@@ -270,31 +253,6 @@ def _smallest(pairs: list[tuple[float, str]]) -> tuple[float, str]:
     return min(pairs, key=lambda pair: pair[0])
 
 
-def _modulation(*, ratio: bool) -> Callable[[Evidence, str], Finding]:
-    def find(evidence: Evidence, over: str) -> Finding:
-        study = evidence.floquet
-        if study is None:
-            return missing(evidence.floquet_reason)
-        if study.at_design.agreement is not Agreement.AGREED:
-            return missing("the two Floquet engines disagree at the design point")
-        if math.isnan(study.worst_depth):
-            return missing("the two Floquet engines disagree where the modulation depth is decided")
-        where = f"speed {study.worst_speed * 3.6:.4g} km/h, {study.worst_resonance}"
-        method = "propagators and harmonic balance agree; bisection in depth"
-        depth = study.worst_depth
-        bound: Literal["exact", "lower", "upper"] = "exact"
-        if math.isinf(depth):
-            depth, bound, where = study.largest_depth, "lower", f"no instability up to depth {study.largest_depth:.3g}"
-        elif np.any(study.map.unresolved):
-            bound, where = "upper", f"{where}; elsewhere on the map the two engines disagree"
-        if ratio and study.expected_depth == 0.0:
-            return missing("the expected modulation depth is zero")
-        value = depth / study.expected_depth if ratio else depth
-        return Finding(value, where, method, where, bound=bound)
-
-    return find
-
-
 FINDERS: dict[str, Callable[[Evidence, str], Finding]] = {
     "growth_rate": _growth_rate,
     "damping_ratio": _damping_ratio,
@@ -302,8 +260,10 @@ FINDERS: dict[str, Callable[[Evidence, str], Finding]] = {
     "phase_margin": _from_margins(_phase, "phase margin"),
     "delay_margin": _from_margins(_delay, "delay margin"),
     "disk_margin": _from_margins(_disk, "disk margin"),
-    "modulation_ratio": _modulation(ratio=True),
-    "modulation_depth": _modulation(ratio=False),
+    "modulation_ratio": modulation(ratio=True),
+    "modulation_depth": modulation(ratio=False),
+    "floquet_gain_margin": floquet_gain,
+    "floquet_speed_margin": floquet_speed,
     "speed_margin": _boundary_margin("speed", relative=True),
     "payload_margin": _boundary_margin("payload", relative=False),
     "height_margin": _boundary_margin("height", relative=False),
@@ -313,6 +273,7 @@ FINDERS: dict[str, Callable[[Evidence, str], Finding]] = {
 SHOWN: dict[str, tuple[str, float]] = {
     "growth_rate": ("1/s", 1.0),
     "gain_margin": ("dB", 1.0),
+    "floquet_gain_margin": ("dB", 1.0),
     "phase_margin": ("deg", 180.0 / math.pi),
     "delay_margin": ("ms", 1e3),
     "payload_margin": ("t", 1e-3),
@@ -330,6 +291,8 @@ DESCRIPTIONS = {
     "disk_margin": "smallest disk margin, single and multi-loop",
     "modulation_ratio": "modulation depth survived over the expected depth",
     "modulation_depth": "modulation depth survived",
+    "floquet_gain_margin": "smallest gain change (up or down) to instability under the expected modulation",
+    "floquet_speed_margin": "speed change to instability under the expected modulation, fraction of the design speed",
     "speed_margin": "distance to instability in speed, fraction of the design speed",
     "payload_margin": "distance to instability in payload",
     "height_margin": "distance to instability in height",

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from maglev_ctrl.analysis.boundary import stability_boundaries
 from maglev_ctrl.analysis.floquet import floquet
+from maglev_ctrl.analysis.floquet_margins import FloquetMargins, floquet_margins
 from maglev_ctrl.analysis.loops import Loop, return_ratio
 from maglev_ctrl.analysis.margins import loop_margins
 from maglev_ctrl.analysis.modes import modes, spectral_abscissa
@@ -29,7 +31,7 @@ from maglev_ctrl.study.records import (
 from maglev_ctrl.synthesis.design import Design
 from maglev_ctrl.synthesis.laws import design_lqr
 from maglev_ctrl.synthesis.weights import InputWeight, OutputWeight
-from maglev_ctrl.systems import SecondOrderSystem, close_loop, loop_matrices, modulate
+from maglev_ctrl.systems import PeriodicSystem, SecondOrderSystem, close_loop, loop_matrices, modulate
 from maglev_ctrl.vehicle import (
     Actuator,
     Body,
@@ -148,6 +150,17 @@ def _at(found: ResonanceMap, column: int, depth: float) -> str:
     return found.tongues[index].name if index >= 0 else "none"
 
 
+def _floquet_margins(periodic: Callable[[float, float], PeriodicSystem]) -> tuple[FloquetMargins | None, str]:
+    try:
+        found = floquet_margins(
+            lambda *, depth, gain, speed: periodic(speed, depth), depth=DEPTH, speed=SPEED, largest_depth=0.5,
+            gain_limits=None, speed_limits=(60 / 3.6, 550 / 3.6), samples=8,
+        )  # fmt: skip
+    except NotStable as fault:
+        return None, f"no margins: {fault}"
+    return found, "no gain margin: the gain is not varied here"
+
+
 def _floquet(vehicle: Vehicle, design: Design | None, *, count: int) -> FloquetStudy:
     def periodic(speed: float, depth: float, closed: bool = True):  # type: ignore[no-untyped-def]
         at = OperatingPoint(speed, HEIGHT)
@@ -174,9 +187,10 @@ def _floquet(vehicle: Vehicle, design: Design | None, *, count: int) -> FloquetS
     at_expected = found.unstable[:, int(np.argmin(np.abs(depths - DEPTH)))]
     bad = tuple((float(speeds[a]), float(speeds[b]), _at(found, a, DEPTH)) for a, b in _runs(at_expected))
     good = tuple((float(speeds[a]), float(speeds[b])) for a, b in _runs(~at_expected))
+    margins, missing = _floquet_margins(periodic)
     return FloquetStudy(
         WAVELENGTH, DEPTH, floquet(periodic(SPEED, DEPTH)), None, found, critical, 0.5, float(candidates[worst]),
-        float(speeds[worst]), curve.resonances[worst].name, good, bad,
+        float(speeds[worst]), curve.resonances[worst].name, good, bad, margins, missing,
     )  # fmt: skip
 
 

@@ -160,12 +160,14 @@ def test_json_obeys_its_schema_and_a_broken_one_does_not(written: dict[str, byte
     assert _faults(SCHEMA, data) == []
     data["options"][0]["requirements"][0]["verdict"] = "MAYBE"
     del data["design_speed"]["unit"]
-    assert len(_faults(SCHEMA, data)) == 2
+    assert data["options"][1]["floquet"]["margins"]["speed"][1]["safe"]["unit"] == "m/s"
+    data["options"][1]["floquet"]["margins"]["depth"]["bound"] = "exactly"
+    assert len(_faults(SCHEMA, data)) == 3
 
 
 def _faults(schema: dict[str, Any], value: Any, at: str = "$") -> list[str]:
     """The few words of JSON Schema that ours uses."""
-    kinds = {"object": dict, "array": list, "string": str, "number": (int, float)}
+    kinds = {"object": dict, "array": list, "string": str, "number": (int, float), "null": type(None)}
     if "anyOf" in schema:
         return [] if any(not _faults(s, value, at) for s in schema["anyOf"]) else [at]
     if "enum" in schema:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,11 +12,18 @@ import pytest
 from maglev_ctrl.analysis.first_instability import PeriodicMargin
 from maglev_ctrl.analysis.floquet import floquet
 from maglev_ctrl.analysis.floquet_margins import FloquetMargins, scaled_controller
-from maglev_ctrl.errors import Agreement
+from maglev_ctrl.analysis.resonance import NO_RESONANCE
+from maglev_ctrl.errors import Agreement, Verdict
+from maglev_ctrl.report.content_periodic import floquet_margin_blocks
+from maglev_ctrl.report.model import Paragraph, Table
+from maglev_ctrl.report.style import ABSENT
 from maglev_ctrl.scenario import Scenario
-from maglev_ctrl.study.floquet_margins import LOST, NO_CONTROLLER, UNFORCED, option_margins
+from maglev_ctrl.study import OptionStudy
+from maglev_ctrl.study.floquet_margins import LOST, NO_CONTROLLER, NOT_ASKED, UNFORCED, option_margins
 from maglev_ctrl.study.forcing import Forcing, at_depth
 from maglev_ctrl.study.law import design_law
+from maglev_ctrl.study.option import study_option
+from maglev_ctrl.study.requirements_periodic import nearest
 from maglev_ctrl.study.situation import OptionModel
 from maglev_ctrl.systems import Controller
 
@@ -108,3 +117,85 @@ def test_what_has_no_margin_says_why(small_scenario: Callable[..., Scenario], sm
     found, reason, _ = margins_of(bottom, 1)
     assert found is not None and found.depth.unsafe < 0.45
     assert (found.gain, found.speed, reason) == (None, None, LOST)
+
+
+# ---- requirements and report -----------------------------------------------------------------------------------------
+
+
+def margin(bound: str, safe: float, unsafe: float = math.nan, *, resolved: bool = True) -> PeriodicMargin:
+    agreement = Agreement.AGREED if resolved else Agreement.UNRESOLVED
+    return PeriodicMargin(
+        "speed", 100.0, 200.0, safe, unsafe, bound, agreement, NO_RESONANCE, False, 1.0, (), 9, "why"  # type: ignore[arg-type]
+    )  # fmt: skip
+
+
+EXACT, FAR, NEAR = margin("exact", 110.0, 110.0), margin("lower", 160.0), margin("lower", 60.0)
+MOST, DOUBT = margin("upper", 100.0, 105.0), margin("lower", math.nan, resolved=False)
+
+
+@pytest.mark.parametrize(
+    ("pair", "value", "bound"),
+    [
+        ((EXACT, FAR), 0.1, "exact"),
+        ((NEAR, FAR), 0.4, "lower"),
+        ((margin("lower", 95.0), EXACT), 0.05, "lower"),
+        ((MOST, EXACT), 0.05, "upper"),
+        ((MOST, DOUBT), 0.05, "upper"),
+        ((EXACT, DOUBT), 0.1, "upper"),
+    ],
+)
+def test_the_smaller_of_two_margins_is_never_told_as_more_than_it_is(
+    pair: tuple[PeriodicMargin, PeriodicMargin], value: float, bound: str
+) -> None:
+    found = nearest(pair, lambda v: abs(v / 100.0 - 1.0), str)
+    assert (round(found.value, 12), found.bound) == (value, bound)
+
+
+def test_no_margin_comes_from_doubt_alone() -> None:
+    assert math.isnan(nearest((FAR, DOUBT), lambda v: abs(v / 100.0 - 1.0), str).value)
+
+
+@pytest.fixture(scope="module")
+def asked(small_scenario: Callable[..., Scenario], small_text: str) -> OptionStudy:
+    wanted = '[[requirement]]\nname = "{0}"\nquantity = "{0}"\nat_least = {1}\n'
+    text = weak(small_text, depth=DEPTH) + wanted.format("floquet_gain_margin", '"6 dB"')
+    scenario = small_scenario(text + wanted.format("floquet_speed_margin", "0.1"))
+    return study_option(scenario, scenario.options[1])
+
+
+def test_requirements_are_judged_on_the_margins(asked: OptionStudy) -> None:
+    assert asked.floquet is not None and asked.floquet.margins is not None and asked.floquet.margins.speed is not None
+    judged = {one.quantity: one for one in asked.requirements}
+    speed = judged["floquet_speed_margin"]
+    lost = asked.floquet.margins.speed[1]
+    assert speed.verdict is Verdict.FAIL and speed.bound == "exact"
+    assert speed.value == pytest.approx(lost.safe / lost.nominal - 1.0)
+    assert lost.tongue.name in speed.reason
+    gain = judged["floquet_gain_margin"]
+    assert gain.verdict is Verdict.NOT_EVALUATED and gain.reason == NO_CONTROLLER and gain.unit == "dB"
+
+
+def test_the_table_shows_bracket_tongue_and_what_the_number_is(asked: OptionStudy) -> None:
+    assert asked.floquet is not None and asked.floquet.margins is not None
+    found = asked.floquet.margins
+    table, missing = floquet_margin_blocks("Damper", found, asked.floquet.margins_reason)
+    assert isinstance(table, Table) and isinstance(missing, Paragraph) and "no controller" in missing.text
+    rows = {line[0].text: [cell.text for cell in line] for line in table.rows}
+    assert list(rows) == ["Depth of modulation", "Speed down", "Speed up"]
+    depth = rows["Depth of modulation"]
+    shown, half = (float(part.split()[0]) for part in depth[1].split("±"))
+    assert abs(shown - 50.0 * (found.depth.safe + found.depth.unsafe)) <= 1e-3 and half < 1e-2
+    assert depth[3] == "exact" and found.depth.tongue.name in depth[4]
+    assert rows["Speed down"][3] == "at least" and rows["Speed down"][1].startswith("none as far as 60.0 km/h")
+    doubtful = replace(found, depth=replace(found.depth, agreement=Agreement.UNRESOLVED, reason="they differ"))
+    doubt = floquet_margin_blocks("Damper", doubtful, "")[0]
+    assert isinstance(doubt, Table)
+    assert [cell.text for cell in doubt.rows[0]][1:5] == ["UNRESOLVED", ABSENT, ABSENT, "they differ"]
+    (words,) = floquet_margin_blocks("Bare", None, UNFORCED)
+    assert isinstance(words, Paragraph) and UNFORCED in words.text
+
+
+def test_margins_cost_nothing_where_nobody_asks(small_scenario: Callable[..., Scenario]) -> None:
+    scenario = small_scenario()
+    study = study_option(scenario, scenario.options[1]).floquet
+    assert study is not None and study.margins is None and study.margins_reason == NOT_ASKED
