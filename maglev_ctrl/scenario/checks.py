@@ -9,7 +9,9 @@ from maglev_ctrl.scenario.eddy_current import eddy_current_faults
 from maglev_ctrl.scenario.force_schema import CoefficientForces, CornerImageForces, ImageForces, TableForces
 from maglev_ctrl.scenario.guideway_schema import EddyCurrentForces
 from maglev_ctrl.scenario.layout import BOGIES, CAR, GUIDEWAY, Layout, layout
+from maglev_ctrl.scenario.periodic_sources import periodic_faults
 from maglev_ctrl.scenario.problems import Fault, KeyPath
+from maglev_ctrl.scenario.requirement_schema import PERIODIC_QUANTITIES
 from maglev_ctrl.scenario.scenario_schema import AnySweep, Scenario
 from maglev_ctrl.scenario.vehicle_schema import Bogie, Car, DoubleL, SixDof, TwoStage, VehicleRecord
 
@@ -27,7 +29,8 @@ def faults_in(scenario: Scenario) -> list[Fault]:
         *_vehicle_faults(scenario.vehicle),
         *_force_faults(scenario, here),
         *_operating_faults(scenario, here),
-        *_periodic_faults(scenario),
+        *_map_faults(scenario),
+        *periodic_faults(scenario, here),
         *_requirement_faults(scenario),
         *doubled(("option",), [option.name for option in scenario.options], noun="option"),
     ]
@@ -151,7 +154,7 @@ def _sweep_faults(sweep: AnySweep, *, path: KeyPath) -> Iterator[Fault]:
         yield Fault((*path, "to"), 'expected a value above that of "from"; an empty sweep has nothing to show')
 
 
-def _periodic_faults(scenario: Scenario) -> Iterator[Fault]:
+def _map_faults(scenario: Scenario) -> Iterator[Fault]:
     periodic = scenario.periodic
     if periodic is None:
         return
@@ -162,8 +165,6 @@ def _periodic_faults(scenario: Scenario) -> Iterator[Fault]:
         yield Fault(
             ("periodic", "map"), f"expected at most {MAP_LIMIT} points, got {grid.speed.count * grid.depth.count}"
         )
-    if not any(periodic.harmonics):
-        yield Fault(("periodic", "harmonics"), "expected at least one harmonic that is not zero")
 
 
 def _requirement_faults(scenario: Scenario) -> Iterator[Fault]:
@@ -175,7 +176,7 @@ def _requirement_faults(scenario: Scenario) -> Iterator[Fault]:
         if len(given) != 1:
             got = "both" if given else "none"
             yield Fault(path, f"expected exactly one limit, at_least or at_most, got {got}")
-        if requirement.quantity in ("modulation_ratio", "modulation_depth") and scenario.periodic is None:
+        if requirement.quantity in PERIODIC_QUANTITIES and scenario.periodic is None:
             yield Fault((*path, "quantity"), f"{requirement.quantity} needs the table [periodic]")
         along = _MARGIN_SWEEPS.get(requirement.quantity)
         if along is not None and getattr(sweep, along) is None:

@@ -24,6 +24,7 @@ from maglev_ctrl.scenario.guideway_schema import (
     Polygon,
 )
 from maglev_ctrl.scenario.layout import Layout
+from maglev_ctrl.scenario.periodic_sources import reach
 from maglev_ctrl.scenario.problems import Fault, KeyPath
 from maglev_ctrl.scenario.scenario_schema import Scenario
 
@@ -128,6 +129,7 @@ def study_domain(scenario: Scenario, *, has_gap: bool) -> Domain:
     """Heights, gaps and speeds a study meets at its design point and in its sweeps, with a margin."""
     operating, sweep = scenario.operating, scenario.operating.sweep
     heights, speeds = [operating.height], [operating.speed]
+    upright, sideways = reach(scenario.periodic)
     if sweep.height is not None:
         heights += [sweep.height.first, sweep.height.last]
     if operating.hold == "strength":
@@ -141,9 +143,11 @@ def study_domain(scenario: Scenario, *, has_gap: bool) -> Domain:
         offsets = [abs(operating.lateral_offset)]
         if sweep.lateral_offset is not None:
             offsets += [abs(sweep.lateral_offset.first), abs(sweep.lateral_offset.last)]
-        low, high = min(gaps) - max(offsets), max(gaps) + max(offsets)
+        low, high = min(gaps) - max(offsets) + sideways[0], max(gaps) + max(offsets) + sideways[1]
         gap = (max((1.0 - MARGIN) * low, 0.02 * operating.gap), (1.0 + MARGIN) * high)
-    return Domain(height=_wider(heights), gap=gap, speed=_wider(speeds))
+    # What a source takes into the metal is told when the study meets it; the solver is not sent there.
+    lowest = max(min(heights) + upright[0], min(*heights, 0.02 * operating.height))
+    return Domain(height=_wider([lowest, max(heights) + upright[1]]), gap=gap, speed=_wider(speeds))
 
 
 def _wider(values: list[float]) -> tuple[float, float]:

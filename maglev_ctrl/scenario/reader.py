@@ -293,7 +293,7 @@ def _canonical(value: object) -> object:
 
 
 def _fields(record: BaseModel) -> Iterator[tuple[str, object]]:
-    later = getattr(record, "later_keys", frozenset())
+    later: frozenset[str] = getattr(record, "later_keys", frozenset())
     for name in type(record).model_fields:
         if name not in later or name in record.model_fields_set:
             yield name, _canonical(getattr(record, name))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, TypeVar
+from typing import Annotated, ClassVar, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -15,6 +15,11 @@ Many = Annotated[tuple[Item, ...], Field(strict=False)]
 
 
 class Record(BaseModel):
-    """A frozen record that refuses unknown keys and never guesses a type."""
+    """A frozen record that refuses unknown keys and never guesses a type.
+
+    `later_keys`: fields that came after the format's first version; left out, they leave a file's hash as it was.
+    """
+
+    later_keys: ClassVar[frozenset[str]] = frozenset()
 
     model_config = ConfigDict(strict=True, frozen=True, extra="forbid", allow_inf_nan=False, validate_by_name=False)

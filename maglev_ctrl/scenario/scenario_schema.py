@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, PrivateAttr
 
@@ -12,9 +12,18 @@ from maglev_ctrl.forces import AbstractForceModel
 from maglev_ctrl.scenario.force_schema import ForceRecord
 from maglev_ctrl.scenario.force_table import ForceSamples
 from maglev_ctrl.scenario.option_schema import OptionRecord
+from maglev_ctrl.scenario.periodic_schema import SourceRecord
 from maglev_ctrl.scenario.records import Many, Record
 from maglev_ctrl.scenario.requirement_schema import RequirementRecord
-from maglev_ctrl.scenario.units import Length, NonnegativeRatio, Payload, PositiveLength, Ratio, Speed
+from maglev_ctrl.scenario.units import (
+    Length,
+    NonnegativeLength,
+    NonnegativeRatio,
+    Payload,
+    PositiveLength,
+    Ratio,
+    Speed,
+)
 from maglev_ctrl.scenario.vehicle_schema import VehicleRecord
 
 Count = Annotated[int, Field(ge=2, le=2000)]
@@ -95,11 +104,37 @@ class PeriodicMap(Record):
 
 
 class Periodic(Record):
-    """Magnetic stiffness modulated at the frequency at which the guideway's period passes under the vehicle."""
+    """Magnetic stiffness modulated at the frequency at which the guideway's period passes under the vehicle.
 
-    wavelength: PositiveLength = Field(description="period of the guideway: girder span, joint distance, coil pitch")
-    depth: NonnegativeRatio = Field(description="expected modulation, a fraction of the magnetic stiffness")
-    harmonics: Many[Ratio] = Field((1.0,), min_length=1, max_length=20, description="relative size of the harmonics")
+    Either one pattern is prescribed by `wavelength`, `depth` and `harmonics`, or `[[periodic.source]]` tables say what
+    makes the guideway periodic and the pattern is computed from the magnets' forces.
+    """
+
+    later_keys: ClassVar[frozenset[str]] = frozenset(
+        {"sources", "source_harmonics", "magnet_length", "on_incommensurate"}
+    )
+
+    wavelength: PositiveLength | None = Field(
+        None, description="period of the guideway: girder span, joint distance, coil pitch; without sources only"
+    )
+    depth: NonnegativeRatio | None = Field(
+        None, description="expected modulation, a fraction of the magnetic stiffness; without sources only"
+    )
+    harmonics: Many[Ratio] = Field(
+        (1.0,), min_length=1, max_length=20, description="relative size of the harmonics; without sources only"
+    )
+    sources: Many[SourceRecord] = Field(
+        (), alias="source", max_length=8, description="what makes the guideway periodic; in place of wavelength, depth"
+    )
+    source_harmonics: int = Field(4, ge=1, le=20, description="harmonics kept of every source, of its own period")
+    magnet_length: NonnegativeLength = Field(
+        0.0, description="length of one magnet along the track, over which the sources' harmonics are averaged"
+    )
+    on_incommensurate: Literal["refuse", "slower"] = Field(
+        "refuse",
+        description="sources whose periods have no ratio of small whole numbers: refuse them, or keep the slower one "
+        "and say which was left out",
+    )
     map: PeriodicMap
 
 

@@ -6,12 +6,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from maglev_ctrl.arrays import read_only_any
+from maglev_ctrl.analysis.tongue_removal import element_terms
+from maglev_ctrl.arrays import FloatArray, read_only_any
 from maglev_ctrl.guideway import passing_frequency
 from maglev_ctrl.scenario.scenario_schema import Periodic
+from maglev_ctrl.study.modulation import ScenarioModulation, modulation_of
 from maglev_ctrl.study.situation import PADE_ORDER, OptionModel, Situation
-from maglev_ctrl.systems import Controller, PeriodicSystem, close_loop, modulate
-from maglev_ctrl.vehicle import Actuator, Vehicle, linearize, stiffness_modulation
+from maglev_ctrl.systems import Controller, PeriodicSystem, SecondOrderSystem, close_loop, modulate
+from maglev_ctrl.vehicle import Actuator, Equilibrium, Vehicle, linearize
 
 SHORT = 0.2  # rad: largest delay times frequency of a mode at which a delay may be merged into a lag on the map
 LIGHT = 0.5  # damping ratio above which a mode does not resonate
@@ -48,28 +50,50 @@ class Forcing:
     def at(self, speed: float, *, full: bool = True) -> PeriodicSystem:
         """The periodic system at a speed, of the full model or of the one with slowed actuators."""
         situation = replace(Situation.of_design(self.model.scenario), speed=speed)
-        return periodic_system(
-            self.model, self.vehicle if full else self.slowed, situation, self.controller, self.periodic
-        )  # fmt: skip
+        return periodic_system(self.model, self.vehicle if full else self.slowed, situation, self.controller)
 
 
 def periodic_system(
-    model: OptionModel, vehicle: Vehicle, situation: Situation, controller: Controller | None, periodic: Periodic
-) -> PeriodicSystem:
+    model: OptionModel, vehicle: Vehicle, situation: Situation, controller: Controller | None,
+    modulation: ScenarioModulation | None = None,
+) -> PeriodicSystem:  # fmt: skip
     """The periodic system of a vehicle that is already built, in a situation, at unit depth of modulation.
+
+    Parameters
+    ----------
+    modulation : None = that of the model's scenario
 
     Raises
     ------
     ModelError : there is no equilibrium
     OutOfDomain : the forces are not known there
     """
+    modulation = modulation or modulation_of(model.scenario)
+    held, balanced, closed = _closed(model, vehicle, situation, controller)
+    K_cos, K_sin = modulation(held, balanced)
+    return modulate(closed, K_cos, K_sin, frequency=passing_frequency(situation.speed, modulation.wavelength))
+
+
+def element_parts(
+    model: OptionModel, vehicle: Vehicle, situation: Situation, controller: Controller | None
+) -> dict[str, tuple[FloatArray, FloatArray]]:
+    """A_cos, A_sin (H, nx, nx) of every magnet's and coefficient element's modulation at unit depth, by its name.
+
+    Raises
+    ------
+    ModelError : there is no equilibrium
+    OutOfDomain : the forces are not known there
+    """
+    held, balanced, closed = _closed(model, vehicle, situation, controller)
+    return element_terms(closed, modulation_of(model.scenario).elements(held, balanced))
+
+
+def _closed(
+    model: OptionModel, vehicle: Vehicle, situation: Situation, controller: Controller | None
+) -> tuple[Vehicle, Equilibrium, SecondOrderSystem]:
     held, balanced = model.balance_of(vehicle, situation)
     plant = linearize(held, balanced, pade_order=PADE_ORDER)
-    closed = plant if controller is None else close_loop(plant, controller)
-    K_cos, K_sin = stiffness_modulation(
-        held, balanced, wavelength=periodic.wavelength, harmonics=periodic.harmonics
-    )  # fmt: skip
-    return modulate(closed, K_cos, K_sin, frequency=passing_frequency(situation.speed, periodic.wavelength))
+    return held, balanced, plant if controller is None else close_loop(plant, controller)
 
 
 def at_depth(system: PeriodicSystem, depth: float) -> PeriodicSystem:

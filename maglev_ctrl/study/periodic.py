@@ -15,6 +15,7 @@ from maglev_ctrl.scenario.requirement_schema import FLOQUET_MARGINS
 from maglev_ctrl.scenario.scenario_schema import Periodic
 from maglev_ctrl.study.floquet_margins import NOT_ASKED, option_margins
 from maglev_ctrl.study.forcing import Forcing, at_depth
+from maglev_ctrl.study.modulation import modulation_of
 from maglev_ctrl.study.records import FloquetStudy
 from maglev_ctrl.study.situation import OptionModel
 from maglev_ctrl.systems import Controller, PeriodicSystem
@@ -39,7 +40,8 @@ def floquet_study(model: OptionModel, controller: Controller | None) -> FloquetS
     forcing = Forcing.of(model, controller, periodic)
     bare = Forcing.of(OptionModel(model.scenario, None), None, periodic)
     speeds, systems = _over_speed(forcing)
-    depths = _depths(periodic)
+    modulation = modulation_of(model.scenario)
+    depths = _depths(periodic, modulation.depth)
     atlas = resonance_map(
         np.stack([s.A_0 for s in systems]), np.stack([s.A_cos for s in systems]),
         np.stack([s.A_sin for s in systems]), np.array([float(s.frequency) for s in systems]), depths,
@@ -51,14 +53,14 @@ def floquet_study(model: OptionModel, controller: Controller | None) -> FloquetS
     curve = critical_depths(atlas)
     worst = _worst(forcing, atlas, curve)
     design_speed = model.scenario.operating.speed
-    go, no_go = speed_ranges(atlas, curve, periodic.depth)
+    go, no_go = speed_ranges(atlas, curve, modulation.depth)
     asked = any(requirement.quantity in FLOQUET_MARGINS for requirement in model.scenario.requirements)
     margins, reason = option_margins(model, controller, periodic) if asked else (None, NOT_ASKED)
     return FloquetStudy(
-        wavelength=periodic.wavelength,
-        expected_depth=periodic.depth,
-        at_design=floquet(at_depth(forcing.at(design_speed), periodic.depth)),
-        open_loop=_floquet_or_none(bare, design_speed, periodic.depth),
+        wavelength=modulation.wavelength,
+        expected_depth=modulation.depth,
+        at_design=floquet(at_depth(forcing.at(design_speed), modulation.depth)),
+        open_loop=_floquet_or_none(bare, design_speed, modulation.depth),
         map=atlas,
         critical_depth=read_only_any(curve),
         largest_depth=float(depths[-1]),
@@ -223,12 +225,12 @@ def _calm(forcing: Forcing, atlas: ResonanceMap) -> bool:
     return all(one.stable is True for one in found)
 
 
-def _depths(periodic: Periodic) -> FloatArray:
+def _depths(periodic: Periodic, expected: float) -> FloatArray:
     """The map's depths, with none and with the expected one: what is said of them has to have been computed."""
     grid = periodic.map.depth
     levels = np.linspace(grid.first, grid.last, grid.count)
     extra = [0.0] if grid.first > 0.0 else []
-    extra += [periodic.depth] if periodic.depth > grid.last else []
+    extra += [expected] if expected > grid.last else []
     return np.asarray(np.unique(np.concatenate([levels, extra])))
 
 

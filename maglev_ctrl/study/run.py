@@ -14,9 +14,11 @@ from importlib.metadata import PackageNotFoundError, version
 from threadpoolctl import threadpool_limits
 
 from maglev_ctrl._version import __version__
+from maglev_ctrl.errors import ModelError, OutOfDomain
 from maglev_ctrl.scenario import OptionRecord, Scenario, build_vehicle, describe_option
 from maglev_ctrl.study.eddy_current import solve_forces
 from maglev_ctrl.study.forces import describe_forces
+from maglev_ctrl.study.modulation import describe_periodicity
 from maglev_ctrl.study.option import study_option
 from maglev_ctrl.study.records import Comparison, OptionStudy
 from maglev_ctrl.study.requirements import not_evaluated
@@ -66,15 +68,25 @@ def run(scenario: Scenario, *, jobs: int = 1, progress: Progress | None = None) 
         scenario_text=scenario.text,
         scenario_hash=scenario.hash,
         sources=tuple(sorted(scenario.sources.items())),
-        assumptions=tuple(scenario.assumptions),
+        assumptions=(*scenario.assumptions, *_periodicity(scenario)),
         forces=describe_forces(scenario, build_vehicle(scenario)),
         design_speed=scenario.operating.speed,
         design_height=scenario.operating.height,
         options=tuple(studies[option.name] for option in options),
-        versions=_versions(),
+        versions=versions(),
         created=datetime.now(UTC).isoformat(timespec="seconds"),
         seconds=time.perf_counter() - started,
     )
+
+
+def _periodicity(scenario: Scenario) -> tuple[str, ...]:
+    """What the guideway's sources make of the forces, where the file gives sources; why it cannot be told."""
+    if scenario.periodic is None or not scenario.periodic.sources:
+        return ()
+    try:
+        return describe_periodicity(scenario)
+    except (ModelError, OutOfDomain) as fault:
+        return (f"Periodic forces: not evaluated: {fault}.",)
 
 
 def _with_forces(scenario: Scenario, jobs: int, tell: Progress) -> tuple[Scenario, Progress]:
@@ -133,7 +145,8 @@ def _unstudied(scenario: Scenario, option: OptionRecord, reason: str) -> OptionS
     )  # fmt: skip
 
 
-def _versions() -> tuple[tuple[str, str], ...]:
+def versions() -> tuple[tuple[str, str], ...]:
+    """Name and version of everything a result depends on."""
     found = [("maglev_ctrl", __version__), ("Python", platform.python_version()), ("platform", sys.platform)]
     for package in PACKAGES:
         try:

@@ -76,11 +76,9 @@ def magnet_field(
     forces, slopes = _evaluate(known, heights, gaps, speed, partials=partials)
     lift, guidance, drag = forces.T
     share = posture.strength * known.count
-    # Lift, guidance, drag become the vector (-D, -side G, L); their partials follow.
-    signs = np.stack([-share, -side * share, share], axis=-1)
+    signs = _signs(known, posture)
     vectors = signs[:, :, None] * slopes[:, ::-1]
-    by_position, by_velocity = np.zeros((m, 3, 3)), np.zeros((m, 3, 3))
-    by_position[:, :, 1], by_position[:, :, 2] = -side[:, None] * vectors[:, :, 1], vectors[:, :, 0]
+    by_position, by_velocity = _by_position(known, vectors), np.zeros((m, 3, 3))
     by_velocity[:, :, 0], by_velocity[:, :, 2] = vectors[:, :, 2], vectors[:, :, 3]
     by_velocity[:, :, 1] = -side[:, None] * vectors[:, :, 4]
     drag_direction = np.zeros(m)
@@ -100,6 +98,53 @@ def magnet_field(
         jacobian=jacobian,
         motion=here.magnet_motion,
     )
+
+
+def position_slopes(
+    vehicle: Vehicle, posture: Posture, here: Stance, *, rise: FloatArray, narrowing: FloatArray
+) -> FloatArray:
+    """S = `MagnetField.by_position` of every magnet with the guideway displaced under it; (q, m, 3, 3) N/m.
+
+    The vehicle stays where it is. Magnets of one model at one height and gap are evaluated once.
+
+    Parameters
+    ----------
+    here : the vehicle's stance
+    rise, narrowing : (q,) m; how far the surface stands up, and each wall towards its magnets
+
+    Raises
+    ------
+    OutOfDomain : a magnet outside its force model's data
+    """
+    known = structure(vehicle)
+    heights = posture.height + here.magnet_shift[:, 2]
+    gaps = np.full(len(heights), np.nan)
+    if posture.gap is not None:
+        gaps = posture.gap - known.side * (posture.offset + here.magnet_shift[:, 1])
+    slopes = np.zeros((len(rise), len(heights), 3, 2))
+    for group in known.groups:
+        members = group.members
+        places = np.stack([heights[members], np.nan_to_num(gaps[members])])
+        (height, gap), back = np.unique(places, axis=1, return_inverse=True)
+        bare = group.blind or bool(np.isnan(gaps[members]).any())
+        beside = None if bare else gap - narrowing[:, None]
+        found = group.force.derivatives(height - rise[:, None], beside, np.asarray(posture.speed))
+        rows = [[part.lift, part.guidance, part.drag] for part in (found.by_height, found.by_gap)]
+        slopes[:, members] = np.moveaxis(np.array(rows), (0, 1), (-1, -2))[:, np.ravel(back)]
+    return _by_position(known, _signs(known, posture)[:, :, None] * slopes[..., ::-1, :])
+
+
+def _signs(known: Structure, posture: Posture) -> FloatArray:
+    """What turns lift, guidance, drag in reverse order into the vector (-D, -side G, L) of all magnets here; (m, 3)."""
+    share = posture.strength * known.count
+    return np.stack([-share, -known.side * share, share], axis=-1)
+
+
+def _by_position(known: Structure, vectors: FloatArray) -> FloatArray:
+    """S (..., m, 3, 3) from the partials (..., m, 3, 2 or more) of force vectors by height and gap."""
+    found = np.zeros((*vectors.shape[:-1], 3))
+    found[..., 1], found[..., 2] = -known.side[:, None] * vectors[..., 1], vectors[..., 0]
+    return found
 
 
 def _evaluate(
