@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from maglev_ctrl.analysis.critical_depth import (
     CriticalDepth,
@@ -21,11 +20,10 @@ from maglev_ctrl.analysis.critical_depth import (
     name_at,
 )
 from maglev_ctrl.analysis.depth_surrogate import DepthSurrogate, depth_surrogate
+from maglev_ctrl.analysis.region_naming import HILL_AGREEMENT, check_points, hill_difference, name_regions
 from maglev_ctrl.analysis.resonance import Resonance
-from maglev_ctrl.analysis.resonance_naming import central_copy
 from maglev_ctrl.analysis.resonance_seeds import SeededTongue, SeedInput, seed_tongues
 from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only, read_only_any
-from maglev_ctrl.kernels import hill_matrix, hill_pair
 
 __all__ = [
     "CriticalDepth",
@@ -36,9 +34,6 @@ __all__ = [
     "critical_depth_curve",
     "resonance_map",
 ]
-
-_MOST_NAMES = 60
-_CHECK = 1e-7  # agreement with Hill's method, relative to W
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -104,12 +99,14 @@ def resonance_map(
     radius = np.abs(leading)
     growth = np.log(np.maximum(radius, 1e-300)) / period[:, None]
     unstable = growth > np.array([max(c.threshold, 0.0) for c in columns])[:, None]
-    index, tongues = _name_regions(columns, levels, growth, unstable, states, labels)
-    points = _check_points(growth, unstable, checks)
+    index, tongues = name_regions(
+        growth, unstable, lambda v, e: name_at(columns[v], float(levels[e]), states=states, labels=labels)
+    )
+    points = check_points(growth, unstable, checks)
     difference = np.array([_hill_difference(columns[v], float(levels[e]), leading[v, e]) for v, e in points])
     unresolved = np.zeros(growth.shape, dtype=bool)
     for (v, _), apart in zip(points, difference, strict=True):
-        if not apart <= _CHECK * grid.frequency[v]:
+        if not apart <= HILL_AGREEMENT * grid.frequency[v]:
             unresolved[v] = True
     found = seed_tongues(grid, max_order=max_order, states=states, labels=labels) if seeds else []
     direct = sum(c.series is None for c in columns)
@@ -165,91 +162,11 @@ def _columns(grid: SeedInput, depths: FloatArray) -> tuple[list[DepthSurrogate],
     return columns, leading
 
 
-def _name_regions(
-    columns: list[DepthSurrogate], depths: FloatArray, growth: FloatArray, unstable: NDArray[np.bool_],
-    states: tuple[str, ...], labels: tuple[str, ...] | None,
-) -> tuple[NDArray[np.int64], tuple[Resonance, ...]]:  # fmt: skip
-    """Tongue index of each unstable point: each belongs to the peak that steepest ascent leads to, peaks are named."""
-    index = np.full(growth.shape, -1, dtype=np.int64)
-    if not np.any(unstable):
-        return index, ()
-    root = _ascend(growth, unstable)
-    regions, _ = ndimage.label(unstable, structure=np.ones((3, 3)))
-    peaks = np.unique(root[unstable])
-    peaks = peaks[np.argsort(-growth.ravel()[peaks])]
-    tongues: list[Resonance] = []
-    numbers: dict[str, int] = {}
-    of_region: dict[int, int] = {}
-    for rank, peak in enumerate(peaks):
-        v, e = divmod(int(peak), growth.shape[1])
-        region = int(regions[v, e])
-        if rank < _MOST_NAMES or region not in of_region:
-            resonance = name_at(columns[v], float(depths[e]), states=states, labels=labels)
-            if resonance.name not in numbers:
-                numbers[resonance.name] = len(tongues)
-                tongues.append(resonance)
-            number = numbers[resonance.name]
-            of_region.setdefault(region, number)
-        else:
-            number = of_region[region]
-        index[unstable & (root == peak)] = number
-    return index, tuple(tongues)
-
-
-def _ascend(growth: FloatArray, unstable: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """For each point the flat index of the local maximum of growth it climbs to among unstable neighbours."""
-    height = np.where(unstable, growth, -np.inf)
-    padded = np.pad(height, 1, constant_values=-np.inf)
-    rows, cols = growth.shape
-    best, target = height.copy(), np.arange(growth.size).reshape(growth.shape)
-    for dv in (-1, 0, 1):
-        for de in (-1, 0, 1):
-            neighbour = padded[1 + dv : 1 + dv + rows, 1 + de : 1 + de + cols]
-            better = neighbour > best
-            best[better] = neighbour[better]
-            target[better] = (np.arange(growth.size).reshape(growth.shape) + dv * cols + de)[better]
-    flat = target.ravel()
-    while True:
-        further = flat[flat]
-        if np.array_equal(further, flat):
-            return np.asarray(flat.reshape(growth.shape), dtype=np.int64)
-        flat = further
-
-
-def _check_points(growth: FloatArray, unstable: NDArray[np.bool_], count: int) -> NDArray[np.int64]:
-    """Points to verify: half along the boundary of the unstable regions, half spread over the map, and the worst."""
-    chosen = [int(np.argmax(growth))]
-    edge = np.nonzero((unstable ^ ndimage.binary_erosion(unstable, border_value=1)).ravel())[0]
-    near = edge if len(edge) else np.argsort(np.abs(growth).ravel(), kind="stable")[: 4 * count]
-    half = max(count // 2, 1)
-    chosen += [int(k) for k in near[np.linspace(0, len(near) - 1, min(half, len(near))).astype(int)]]
-    golden = 0.5 * (np.sqrt(5.0) - 1.0)
-    extra = 0
-    while len(set(chosen)) < min(count, growth.size):
-        v = int((extra + 0.5) / count * growth.shape[0]) % growth.shape[0]
-        e = int(((extra + 1) * golden % 1.0) * growth.shape[1])
-        chosen.append(v * growth.shape[1] + e)
-        extra += 1
-    flat = np.unique(chosen)
-    return np.asarray(np.stack(np.divmod(flat, growth.shape[1]), axis=1), dtype=np.int64)
-
-
 def _hill_difference(column: DepthSurrogate, depth: float, multiplier: complex) -> float:
     """Distance of the leading exponent to the nearest eigenvalue of the Hill matrix, 1/s; inf when none is near."""
-    exponent = complex(np.log(multiplier) / column.period)
-    guess = central_copy(exponent, np.linalg.eigvals(column.A_0).astype(np.complex128), column.frequency)
-    harmonics = len(column.A_cos)
-    apart = float("inf")
-    for reach in (6 * harmonics, 12 * harmonics):
-        matrix = hill_matrix(
-            column.A_0, depth * column.A_cos, depth * column.A_sin, frequency=column.frequency, harmonics=reach
-        )
-        value, _, _, residual = hill_pair(matrix, guess)
-        size = float(np.max(np.abs(np.diag(matrix))))
-        apart = abs(value - guess) if residual <= 1e-9 * size else float("inf")
-        if apart <= 0.1 * _CHECK * column.frequency:
-            break
-    return apart
+    return hill_difference(
+        column.A_0, depth * column.A_cos, depth * column.A_sin, frequency=column.frequency, multiplier=multiplier
+    )
 
 
 def _seen(seed: SeededTongue, column: int, index: NDArray[np.int64], tongues: tuple[Resonance, ...]) -> SeededTongue:
