@@ -16,8 +16,9 @@ import typer
 
 from maglev_ctrl.cli_forces import forces
 from maglev_ctrl.cli_identify import identify
+from maglev_ctrl.cli_map import stability_map
 from maglev_ctrl.cli_reproduce import reproduce
-from maglev_ctrl.cli_terminal import console, progress
+from maglev_ctrl.cli_terminal import BAD_INPUT, NOT_PASSED, PASSED, Stopped, console, progress
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
     from maglev_ctrl.scenario import Scenario
     from maglev_ctrl.study import Comparison, OptionStudy, RequirementResult
 
-PASSED, NOT_PASSED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-_UNDONE = "interrupted; nothing was written"
 _FORMATS = ("html", "pdf", "json")
 _STYLES = {"PASS": "green", "FAIL": "red", "NOT EVALUATED": "yellow"}
 
@@ -75,6 +74,7 @@ def compare(scenario: ScenarioFile, out: OutFolder = None, jobs: Jobs = 2) -> No
 
 app.command()(forces)
 app.command()(identify)
+app.command(name="map")(stability_map)
 app.command()(reproduce)
 
 
@@ -176,7 +176,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return done.code if isinstance(done.code, int) else PASSED
     except MaglevError as error:
         _complain(str(error))
-    except _Stopped as stop:
+    except Stopped as stop:
         _complain(stop.message)
         return stop.status
     except OSError as error:
@@ -184,23 +184,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return BAD_INPUT
 
 
-class _Stopped(BaseException):
-    """Ctrl-C, or a request to end; unlike KeyboardInterrupt it passes the command line library untouched."""
-
-    def __init__(self, status: int = INTERRUPTED, message: str = _UNDONE) -> None:
-        super().__init__(message)
-        self.status, self.message = status, message
-
-
 @contextmanager
 def _stop_on_signals() -> Iterator[None]:
-    """SIGINT and SIGTERM raise _Stopped, so that workers end and temporary files go; handlers are put back after."""
+    """SIGINT and SIGTERM raise Stopped, so that workers end and temporary files go; handlers are put back after."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
 
     def stop(number: int, frame: FrameType | None) -> None:
-        raise _Stopped(128 + number)  # 130 and 143, as shells have it
+        raise Stopped(128 + number)  # 130 and 143, as shells have it
 
     before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
@@ -243,7 +235,7 @@ def _study_and_write(
 
         paths = write(comparison, folder, formats=formats)
     except KeyboardInterrupt:
-        raise _Stopped() from None
+        raise Stopped() from None
     try:
         screen = console()
         if values:
@@ -251,8 +243,8 @@ def _study_and_write(
         _print_verdicts(screen, comparison)
         for path in paths:
             typer.echo(f"written: {path}")
-    except _Stopped as stop:
-        raise _Stopped(stop.status, f"interrupted; the report was written: {folder}") from None
+    except Stopped as stop:
+        raise Stopped(stop.status, f"interrupted; the report was written: {folder}") from None
     raise typer.Exit(_exit_code(comparison))
 
 

@@ -1,4 +1,4 @@
-"""What every command shares on the terminal: a console and a progress bar, loaded only when used."""
+"""What every command shares on the terminal: exit status, interrupts, a console and a progress bar; rich comes late."""
 
 from __future__ import annotations
 
@@ -10,6 +10,17 @@ import typer
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+PASSED, NOT_PASSED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+UNDONE = "interrupted; nothing was written"
+
+
+class Stopped(BaseException):
+    """Ctrl-C, or a request to end; unlike KeyboardInterrupt it passes the command line library untouched."""
+
+    def __init__(self, status: int = INTERRUPTED, message: str = UNDONE) -> None:
+        super().__init__(message)
+        self.status, self.message = status, message
 
 
 def console(*, stderr: bool = False) -> Console:

@@ -155,6 +155,8 @@ def display_unit(quantity: ScenarioQuantity, largest: float) -> tuple[str, float
     >>> display_unit(ScenarioQuantity("speed", "speed", "m/s", 100.0), 150.0)
     ('km/h', 3.6)
     """
+    if quantity.name == DEPTH:
+        return "%", 100.0
     if quantity.kind is not None and quantity.kind.angular:
         return "Hz", 0.5 / math.pi
     for unit, scale, least, below in _DISPLAY.get(quantity.unit, ()):
@@ -189,10 +191,9 @@ def _running(scenario: Scenario) -> Iterator[ScenarioQuantity]:
     yield ScenarioQuantity("lateral_offset", "lateral offset", "m", operating.lateral_offset, kind=LENGTH)
     yield ScenarioQuantity("payload", "payload", "kg", scenario.vehicle.car.payload, kind=PAYLOAD)
     if periodic is not None:
-        if periodic.depth is None:  # the sources of the file, as they are, are depth 1
-            yield ScenarioQuantity(DEPTH, "factor on the guideway's pattern", "", 1.0, least=0.0)
-        else:
-            yield ScenarioQuantity(DEPTH, "depth of modulation", "", periodic.depth, least=0.0)
+        # What sources make of the depth takes the vehicle: the study knows it.
+        depth = math.nan if periodic.depth is None else periodic.depth
+        yield ScenarioQuantity(DEPTH, "depth of modulation", "", depth, least=0.0)
         if periodic.wavelength is not None:
             yield ScenarioQuantity(WAVELENGTH, "period of the guideway", "m", periodic.wavelength, kind=LENGTH)
     if any(option.control is not None for option in scenario.options):

@@ -57,7 +57,7 @@ def run(scenario: Scenario, *, jobs: int = 1, progress: Progress | None = None) 
         raise ValueError(f"jobs: expected one or more, got {jobs}")
     started = time.perf_counter()
     tell = progress or (lambda what, fraction: None)
-    scenario, tell = _with_forces(scenario, jobs, tell)
+    scenario, tell = with_forces(scenario, jobs, tell)
     options = scenario.options
     workers = min(jobs, len(options))
     studies = _serial(scenario, tell) if workers == 1 else _parallel(scenario, workers, tell)
@@ -89,7 +89,7 @@ def _periodicity(scenario: Scenario) -> tuple[str, ...]:
         return (f"Periodic forces: not evaluated: {fault}.",)
 
 
-def _with_forces(scenario: Scenario, jobs: int, tell: Progress) -> tuple[Scenario, Progress]:
+def with_forces(scenario: Scenario, jobs: int, tell: Progress) -> tuple[Scenario, Progress]:
     """The scenario with eddy-current forces solved, and where the rest of the study's progress is told."""
     reached = 0.0
 

@@ -1,0 +1,194 @@
+"""`maglev-ctrl map`: where a vehicle is stable over any two quantities; everything heavy is loaded inside."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from maglev_ctrl.cli_terminal import NOT_PASSED, Stopped, console, progress
+
+if TYPE_CHECKING:
+    from maglev_ctrl.scenario import Scenario
+    from maglev_ctrl.study.map.records import MapStudy
+    from maglev_ctrl.study.map.request import MapRequest
+    from maglev_ctrl.study.map.store import MapFolder
+
+MANY_POINTS = 20_000_000
+"""Points, options counted, from which on --yes is asked for."""
+
+
+class BackendWord(StrEnum):
+    """What computes the multipliers."""
+
+    numpy = "numpy"
+    fast = "fast"
+    gpu = "gpu"
+
+
+class CoverageWord(StrEnum):
+    """Which points are computed."""
+
+    auto = "auto"
+    every = "every"
+    adaptive = "adaptive"
+
+
+def stability_map(
+    scenario: Annotated[Path, typer.Argument(metavar="SCENARIO", help="Scenario file (TOML).", show_default=False)],
+    x: Annotated[
+        str | None, typer.Option("--x", metavar="Q=FROM:TO:COUNT", help="A quantity and its range.  [default: speed]")
+    ] = None,
+    y: Annotated[
+        str | None, typer.Option("--y", metavar="Q=FROM:TO:COUNT", help="Another one.  [default: depth]")
+    ] = None,
+    option: Annotated[
+        list[str] | None, typer.Option("--option", metavar="NAME", help="Only this option; may be repeated.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results.  [default: out/NAME]")
+    ] = None,
+    jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, max=256, help="Processes that share the work.")] = 2,
+    yes: Annotated[bool, typer.Option("--yes", help="Compute maps of more than 20 million points.")] = False,
+    backend: Annotated[BackendWord, typer.Option("--backend", help="What computes the multipliers.")] = (
+        BackendWord.numpy
+    ),
+    coverage: Annotated[CoverageWord, typer.Option("--coverage", help="Which points are computed.")] = (
+        CoverageWord.auto
+    ),
+    periodic_law: Annotated[
+        bool, typer.Option("--periodic-law", help="Also design a periodic law for each option and map it.")
+    ] = False,
+    list_quantities: Annotated[
+        bool, typer.Option("--list-quantities", help="Show what --x and --y can be; nothing is computed.")
+    ] = False,
+) -> None:
+    """Map where each option is stable over any two quantities, with every resonance tongue named.
+
+    Writes map.html, map.pdf, map.nc, map.json and ranges.csv. An interrupted map goes on where it was when the same
+    command is given again. Exit status: 0 the maps are made, 1 an option has no map or its map has UNRESOLVED points,
+    2 wrong input.
+    """
+    from maglev_ctrl.scenario import load
+
+    read = load(scenario)
+    if list_quantities:
+        _print_quantities(read)
+        return
+
+    from maglev_ctrl.errors import ScenarioError
+    from maglev_ctrl.report.folder import require_writable
+    from maglev_ctrl.study.map.request import map_request
+    from maglev_ctrl.study.map.store import MapFolder
+
+    try:
+        request = map_request(
+            read, x=x, y=y, options=option or (), backend=backend.value, coverage=coverage.value,
+            periodic_law=periodic_law,
+        )  # fmt: skip
+    except ValueError as error:
+        raise ScenarioError(f"{scenario}: {error}") from None
+    folder = out if out is not None else Path("out") / read.name
+    require_writable(folder, results="maps")
+    if request.points > MANY_POINTS and not yes:
+        raise ScenarioError(_many(read, request, jobs))
+    _map_and_write(read, request, folder, MapFolder.of(folder, read, request), jobs)
+
+
+def _map_and_write(read: Scenario, request: MapRequest, folder: Path, kept: MapFolder, jobs: int) -> None:
+    from maglev_ctrl.report.map import write_map
+    from maglev_ctrl.study.map.run import survey_map
+
+    try:
+        with progress(read.name, time_left=True) as tell:
+            study = survey_map(read, request, jobs=jobs, progress=tell, store_folder=folder)
+        paths = write_map(study, folder)
+    except KeyboardInterrupt:
+        raise _interrupted(Stopped(), kept) from None
+    except Stopped as stop:
+        raise _interrupted(stop, kept) from None
+    try:
+        kept.remove()
+        _print(study)
+        for path in paths:
+            typer.echo(f"written: {path}")
+    except Stopped as stop:
+        raise Stopped(stop.status, f"interrupted; the maps were written: {folder}") from None
+    raise typer.Exit(_exit_code(study))
+
+
+def _interrupted(stop: Stopped, kept: MapFolder) -> Stopped:
+    """The interrupt with what is kept."""
+    if not kept.root.exists():
+        return stop
+    share = f"{100.0 * kept.reached():.0f} %"
+    return Stopped(stop.status, f"interrupted; {share} is kept in {kept.root}; the same command goes on from there")
+
+
+def _exit_code(study: MapStudy) -> int:
+    from maglev_ctrl.analysis.plane_records import UNRESOLVED
+
+    maps = [option.plane for option in study.options]
+    decided = all(plane is not None and not plane.share(UNRESOLVED) for plane in maps)
+    return 0 if decided else NOT_PASSED
+
+
+def _many(read: Scenario, request: MapRequest, jobs: int) -> str:
+    """What a large map would take, in a sentence."""
+    from maglev_ctrl.study.map.run import survey_estimate
+
+    found, points = survey_estimate(read, request, jobs=jobs), f"{request.points:,}".replace(",", " ")
+    return (
+        f"the maps have {points} points: about {_duration(found.seconds)} and {_size(found.bytes)} of memory; ask for "
+        "fewer points, or add --yes"
+    )
+
+
+def _duration(seconds: float) -> str:
+    for unit, length in (("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0)):
+        if seconds >= 2.0 * length:
+            return f"{seconds / length:.2g} {unit}" if seconds < 1e2 * length else f"{seconds / length:.0f} {unit}"
+    return f"{seconds:.2g} seconds"
+
+
+def _size(count: float) -> str:
+    return f"{count / 2**30:.3g} GiB" if count >= 2**30 else f"{count / 2**20:.3g} MiB"
+
+
+def _print_quantities(read: Scenario) -> None:
+    """Every quantity with its own value; written out plainly, so that names can be copied."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    from maglev_ctrl.scenario.quantity_paths import display_unit, scenario_quantities
+
+    table = Table("quantity", "own value", "what it is")
+    for quantity in scenario_quantities(read):
+        unit, scale = display_unit(quantity, quantity.value)
+        value = "not set" if quantity.value != quantity.value else f"{quantity.value * scale:.6g} {unit}".rstrip()
+        table.add_row(escape(quantity.name), value, escape(quantity.label))
+    console().print(table)
+
+
+def _print(study: MapStudy) -> None:
+    from rich.markup import escape
+    from rich.table import Table
+
+    from maglev_ctrl.report.map.content import comparison_table
+
+    screen, compared = console(), comparison_table(study)
+    screen.print(f"[bold]{escape(study.title)}[/]")
+    table = Table(title=escape(compared.caption), title_justify="left")
+    for heading in compared.columns:
+        table.add_column(escape(heading), overflow="fold")
+    for cells in compared.rows:
+        table.add_row(*(escape(cell.text) for cell in cells))
+    screen.print(table)
+    for words in study.notes:
+        screen.print(f"- {escape(words)}")
+    for option in study.options:
+        for words in (option.failure, *option.notes):
+            if words:
+                screen.print(f"- {escape(option.label)}: {escape(words)}")

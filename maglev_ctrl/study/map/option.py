@@ -1,0 +1,183 @@
+"""The map of one option: the plane, and beside it tongues, speed ranges, margins and a periodic law."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from maglev_ctrl.analysis.floquet_margins import FloquetMargins
+from maglev_ctrl.analysis.plane_records import NO_ANSWER, UNRESOLVED, MapStore, StabilityPlane
+from maglev_ctrl.analysis.stability_plane import stability_plane
+from maglev_ctrl.analysis.tongue_atlas import TongueAtlas, tongue_atlas
+from maglev_ctrl.analysis.tongue_table import TongueRow, tongue_table
+from maglev_ctrl.errors import MaglevError
+from maglev_ctrl.scenario import OptionRecord, Scenario, describe_option
+from maglev_ctrl.scenario.quantity_paths import DEPTH, SPEED
+from maglev_ctrl.study.floquet_margins import option_margins
+from maglev_ctrl.study.forcing import at_depth
+from maglev_ctrl.study.law import design_law
+from maglev_ctrl.study.map.family import OptionFamily
+from maglev_ctrl.study.map.records import OptionMap, PeriodicLawStudy
+from maglev_ctrl.study.map.request import MapRequest
+from maglev_ctrl.study.modulation import depth_of
+from maglev_ctrl.study.situation import OptionModel
+from maglev_ctrl.synthesis.design import Design
+
+Tell = Callable[[str, float], None]
+FAULTS = (MaglevError, ValueError, np.linalg.LinAlgError)
+MERGED = (
+    "Delay and bandwidth of every actuator are merged into one lag on the map and in the tongues, as in the report; "
+    "the margins are those of the full model."
+)
+_PLANE = 0.7
+"""Share of an option's progress that its plane takes."""
+
+
+def designed(scenario: Scenario, record: OptionRecord) -> tuple[OptionModel, Design | None]:
+    """The option and its law, designed at the scenario's own values.
+
+    Raises
+    ------
+    ModelError : there is no equilibrium at the design point, or the law does not exist
+    ValueError : a weight or sensor does not fit the plant
+    """
+    model = OptionModel(scenario, record)
+    return model, design_law(scenario, record, model)
+
+
+def option_map(
+    scenario: Scenario, request: MapRequest, name: str, *, threads: int = 1, store: MapStore | None = None,
+    tell: Tell | None = None,
+) -> OptionMap:  # fmt: skip
+    """Everything about one option; what has no answer is recorded with its reason, never dropped.
+
+    Parameters
+    ----------
+    name : of the option
+    threads : that share the plane
+    store : where finished parts of the plane are kept
+    tell : told what is done and the fraction of it, 0 to 1
+    """
+    started, told = time.perf_counter(), tell or (lambda what, fraction: None)
+    record = next(option for option in scenario.options if option.name == name)
+    blank = OptionMap(
+        name=name, label=record.label or name, kind=record.kind, summary=describe_option(scenario, record), failure="",
+        plane=None, tongues=(), atlas=None, atlas_reason="", margins=None, margins_reason="", law=None, notes=(),
+        seconds=0.0,
+    )  # fmt: skip
+    try:
+        done = _mapped(scenario, request, record, blank, threads, store, told)
+    except FAULTS as fault:
+        done = replace(blank, failure=f"{fault}", atlas_reason=f"{fault}", margins_reason=f"{fault}")
+    told(f"{blank.label}: done", 1.0)
+    return replace(done, seconds=time.perf_counter() - started)
+
+
+def unmapped(scenario: Scenario, name: str, reason: str) -> OptionMap:
+    """The record of an option that was lost with its process."""
+    record = next(option for option in scenario.options if option.name == name)
+    return OptionMap(
+        name=name, label=record.label or name, kind=record.kind, summary=describe_option(scenario, record),
+        failure=reason, plane=None, tongues=(), atlas=None, atlas_reason=reason, margins=None, margins_reason=reason,
+        law=None, notes=(), seconds=0.0,
+    )  # fmt: skip
+
+
+def _mapped(
+    scenario: Scenario, request: MapRequest, record: OptionRecord, blank: OptionMap, threads: int,
+    store: MapStore | None, tell: Tell,
+) -> OptionMap:  # fmt: skip
+    tell(f"{blank.label}: control law", 0.0)
+    model, design = designed(scenario, record)
+    controller = None if design is None else design.controller
+    family = OptionFamily.of(model, controller, request)
+    plane = stability_plane(
+        family, request.x.axis(), request.y.axis(), coverage=request.coverage, threads=threads,
+        backend=request.backend, states=family.nominal().states, store=store,
+        progress=lambda what, fraction: tell(f"{blank.label}: {what}", _PLANE * fraction),
+    )  # fmt: skip
+    tell(f"{blank.label}: tongues", _PLANE)
+    depth = depth_of(scenario)
+    tongues, tongue_note = _tongues(family, scenario, request, depth)
+    tell(f"{blank.label}: speed ranges", 0.8)
+    atlas, atlas_reason = _atlas(family, request, depth)
+    tell(f"{blank.label}: margins", 0.85)
+    margins, margins_reason = _margins(model, family, scenario)
+    law = None
+    if request.periodic_law:
+        tell(f"{blank.label}: periodic law", 0.9)
+        law = _periodic_law(family, request, design, threads)
+    notes = (MERGED if family.merged else "", *_plane_notes(plane), tongue_note, *(design.notes if design else ()))
+    return replace(
+        blank, plane=plane, tongues=tongues, atlas=atlas, atlas_reason=atlas_reason, margins=margins,
+        margins_reason=margins_reason, law=law, notes=tuple(note for note in notes if note),
+    )  # fmt: skip
+
+
+def _speeds(scenario: Scenario, request: MapRequest) -> tuple[float, float]:
+    """The speeds of the map, or those of the scenario's grid where no axis is the speed."""
+    axis = request.axis_of(SPEED)
+    if axis is not None:
+        return axis.first, axis.last
+    assert scenario.periodic is not None
+    return scenario.periodic.map.speed.first, scenario.periodic.map.speed.last
+
+
+def _tongues(
+    family: OptionFamily, scenario: Scenario, request: MapRequest, depth: float
+) -> tuple[tuple[TongueRow, ...], str]:
+    """The tongues over speed at the expected depth, and why there are none."""
+    assert scenario.periodic is not None
+    axis = request.axis_of(DEPTH)
+    largest = max(depth, scenario.periodic.map.depth.last if axis is None else axis.last)
+    lower, upper = _speeds(scenario, request)
+    if depth <= 0.0:
+        return (), "No table of tongues: the expected depth of modulation is zero."
+    try:
+        return tongue_table(
+            family.path, depth=depth, lower=lower, upper=upper, largest_depth=largest, elements=family.elements
+        ), ""  # fmt: skip
+    except FAULTS as fault:
+        return (), f"No table of tongues: {fault}"
+
+
+def _atlas(family: OptionFamily, request: MapRequest, depth: float) -> tuple[TongueAtlas | None, str]:
+    """Go and no-go speeds at the expected depth, everything else at the scenario's own values."""
+    axis = request.axis_of(SPEED)
+    if axis is None:
+        return None, "neither axis is the speed"
+    try:
+        return tongue_atlas(lambda v: at_depth(family.path(v), depth), lower=axis.first, upper=axis.last), ""
+    except FAULTS as fault:
+        return None, f"{fault}"
+
+
+def _margins(model: OptionModel, family: OptionFamily, scenario: Scenario) -> tuple[FloquetMargins | None, str]:
+    assert scenario.periodic is not None
+    try:
+        return option_margins(model, family.controller, scenario.periodic)
+    except FAULTS as fault:
+        return None, f"{fault}"
+
+
+def _periodic_law(
+    family: OptionFamily, request: MapRequest, design: Design | None, threads: int
+) -> PeriodicLawStudy | None:
+    return None
+
+
+def _plane_notes(plane: StabilityPlane) -> tuple[str, ...]:
+    """What of a map is not decided, and why."""
+    notes = []
+    if plane.share(UNRESOLVED):
+        count = int(np.sum(plane.state == UNRESOLVED))
+        notes.append(
+            f"{count} of {plane.state.size} points are UNRESOLVED: the engines or the error bound do not decide them."
+        )
+    if plane.share(NO_ANSWER):
+        why = f": {plane.faults[0]}" if plane.faults else "."
+        notes.append(f"{100.0 * plane.share(NO_ANSWER):.3g} % of the points have no answer{why}")
+    return tuple(notes)
