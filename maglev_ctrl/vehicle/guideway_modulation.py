@@ -35,7 +35,9 @@ from maglev_ctrl.vehicle.statics import equilibrium
 from maglev_ctrl.vehicle.vehicle import Vehicle
 
 CONVERGED: Final = 1e-9  # relative change of the harmonics when the positions are doubled
-FIRST_POSITIONS, LAST_POSITIONS = 16, 4096
+ROUNDING: Final = 1e-13  # of the mean stiffness: no change below it is more than rounding
+FIRST_POSITIONS, PER_PIECE = 16, 256
+"""Positions along a period to begin with, and at most in each smooth piece of a profile."""
 HARMONICS_AT_MOST = 60
 """Harmonics of the common period: what integrating over one period can still afford."""
 
@@ -294,8 +296,9 @@ def _harmonics(here: _Here, source: GuidewaySource, count: int) -> _Harmonics:
         per_piece *= 2
         S, mean, square = _displaced(here, source, count, per_piece)
         size = float(np.max(np.abs(S)))
-        change = float(np.max(np.abs(S - last))) / size if size > 0.0 else 0.0
-        if change <= CONVERGED or per_piece * pieces * 2 > LAST_POSITIONS:
+        moved = float(np.max(np.abs(S - last)))
+        change = moved / size if size > 0.0 else 0.0
+        if change <= CONVERGED or moved <= ROUNDING * abs(mean) or per_piece * 2 > PER_PIECE:
             break
     K = -np.einsum("mai,hmab,mbj->mhij", here.jacobian, S, here.motion)
     heave = -np.sum(S[:, :, 2, 2], axis=1) / here.heave
