@@ -14,9 +14,9 @@ import numpy as np
 
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.report.chart import Area, Axis, Bars, Cells, Chart, Heat, Item, Line, Marks, Note, Panel, Rule, Span
-from maglev_ctrl.report.legend import DASHES, HATCH, SYMBOLS, legend_entries
+from maglev_ctrl.report.legend import DASHES, SYMBOLS, legend_entries
 from maglev_ctrl.report.raster import outer_edges, rectangles
-from maglev_ctrl.report.style import FONT_SIZE, GRID, INK, PAPER, RAMPS, RC, WIDTH, tick_text
+from maglev_ctrl.report.style import FONT_SIZE, GRID, INK, ON_MAP, PAPER, RAMPS, RC, WIDTH, tick_text
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -375,7 +375,7 @@ class _Canvas:
         if corners:
             codes = np.tile([Path.MOVETO, *[Path.LINETO] * 3, Path.CLOSEPOLY], len(corners))
             patch = PathPatch(
-                Path(np.concatenate(corners), codes), facecolor=item.colour, edgecolor=HATCH, linewidth=0.0,
+                Path(np.concatenate(corners), codes), facecolor=item.colour, edgecolor=ON_MAP, linewidth=0.0,
                 hatch="/////" if item.hatched else None,
             )  # fmt: skip
             self._add(patch, order=0.6)

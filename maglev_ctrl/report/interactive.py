@@ -13,9 +13,9 @@ import numpy as np
 
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.report.chart import Area, Axis, Bars, Cells, Chart, Heat, Item, Line, Marks, Note, Panel, Rule, Span
-from maglev_ctrl.report.legend import HATCH
+from maglev_ctrl.report.legend import on_page
 from maglev_ctrl.report.raster import rectangles
-from maglev_ctrl.report.style import RAMPS
+from maglev_ctrl.report.style import ON_MAP, RAMPS
 
 _SYMBOLS: Final = {
     "circle": "circle", "square": "square", "diamond": "diamond", "cross": "x-thin-open", "triangle": "triangle-up",
@@ -106,12 +106,20 @@ def _add(
     axes = {"xaxis": "x" + suffix, "yaxis": "y" + suffix}
     match item:
         case Line():
+            if item.colour == ON_MAP and item.label:
+                style = {"color": on_page(item.colour), "dash": item.dash, "width": item.width * 1.3}
+                data.append({"type": "scatter", "mode": "lines", "line": style, **_legend_only(item.label, seen, axes)})
             data.append({
                 "type": "scatter", "mode": "lines", "x": _values(item.x), "y": _values(item.y),
                 "line": {"color": item.colour, "dash": item.dash, "width": item.width * 1.3},
                 **_named(item.label, seen), **_hover(panel, item.label, ()), **axes,
             })  # fmt: skip
         case Marks():
+            if item.colour == ON_MAP and item.label:
+                mark = {"color": on_page(item.colour), "symbol": _SYMBOLS[item.symbol], "size": item.size * 1.5}
+                data.append({
+                    "type": "scatter", "mode": "markers", "marker": mark, **_legend_only(item.label, seen, axes),
+                })  # fmt: skip
             data.append({
                 "type": "scatter", "mode": "markers", "x": _values(item.x), "y": _values(item.y),
                 "marker": {"color": item.colour, "symbol": _SYMBOLS[item.symbol], "size": item.size * 1.5,
@@ -152,7 +160,7 @@ def _add(
             corners = rectangles(item.x, item.y, item.mask)
             x = [v for left, right, _, _ in corners for v in (left, right, right, left, left, math.nan)]
             y = [v for _, _, low, high in corners for v in (low, low, high, high, low, math.nan)]
-            pattern = {"shape": "/", "fgcolor": HATCH, "bgcolor": item.colour, "size": 5, "solidity": 0.25}
+            pattern = {"shape": "/", "fgcolor": ON_MAP, "bgcolor": item.colour, "size": 5, "solidity": 0.25}
             data.append({
                 "type": "scatter", "mode": "lines", "x": _values(np.array(x)), "y": _values(np.array(y)),
                 "fill": "toself", "fillcolor": item.colour, "line": {"width": 0}, "hoverinfo": "skip",
@@ -223,6 +231,11 @@ def _named(label: str, seen: set[str]) -> dict[str, Any]:
     first = label not in seen
     seen.add(label)
     return {"name": _plain(label), "legendgroup": label, "showlegend": first}
+
+
+def _legend_only(label: str, seen: set[str], axes: dict[str, str]) -> dict[str, Any]:
+    """A trace that only stands in the legend, in the page's ink, for one drawn in the map's."""
+    return {"x": [None], "y": [None], "hoverinfo": "skip", **_named(label, seen), **axes}
 
 
 def _hover(panel: Panel, label: str, texts: tuple[str, ...]) -> dict[str, Any]:

@@ -15,17 +15,19 @@ _CHARACTER: Final = 0.6 * FONT_SIZE / 72.0  # in, mean width of one
 _HEIGHT: Final = 1.75 * FONT_SIZE / 72.0  # in, of one line with its box
 _RADII: Final = (0.0, 0.16, 0.24, 0.34, 0.46, 0.62, 0.82, 1.1, 1.5, 2.0)  # in
 _DIRECTIONS: Final = 16
-_HIDING: Final = 1.5  # in: how far a label goes to hide nothing
+_HIDING: Final = 4.0  # in: how far a label goes to hide nothing
+_CROSSING: Final = 3.0  # in: how far a label goes so that its line crosses nothing
 _LEADER: Final = 0.12  # in: a label farther away than this gets a line
 
 
 @dataclass(frozen=True, slots=True)
 class Anchor:
-    """A name and the point it belongs to."""
+    """A name and the point it belongs to; `edge` where its line ends when it does not fit on that point."""
 
     x: float
     y: float
     text: str
+    edge: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -79,30 +81,50 @@ def placed(
     items: list[Item] = []
     left_out = 0
     for anchor in anchors:
-        at = room.inches(anchor.x, anchor.y)
-        best: tuple[float, tuple[float, float]] | None = None
-        for radius in _RADII:
-            for turn in range(_DIRECTIONS if radius else 1):
-                angle = 2.0 * np.pi * (turn + 4) / _DIRECTIONS  # upwards first
-                # Words are wider than high: sideways a label has to go farther to come free of its point.
-                aside = 0.5 * _CHARACTER * len(anchor.text) if radius else 0.0
-                place = (at[0] + (radius + aside) * float(np.cos(angle)), at[1] + radius * float(np.sin(angle)))
-                box = _box(place, anchor.text)
-                if not _fits(box, room, boxes):
-                    continue
-                hidden = room.hidden(box)
-                cost = radius + (0.0 if hidden == 1.0 and not radius else _HIDING * hidden)
-                if best is None or cost < best[0] - 1e-9:
-                    best = (cost, place)
-        if best is None:
+        own = _box(room.inches(anchor.x, anchor.y), anchor.text)
+        at = room.inches(*(anchor.edge or (anchor.x, anchor.y)))
+        place: tuple[float, float] | None
+        if _fits(own, room, boxes) and room.hidden(own) == 1.0:
+            place = at = room.inches(anchor.x, anchor.y)
+        else:
+            place = _beside(at, anchor.text, room, boxes)
+        if place is None:
             left_out += 1
             continue
-        boxes.append(_box(best[1], anchor.text))
-        x, y = room.values(*best[1])
-        if np.hypot(best[1][0] - at[0], best[1][1] - at[1]) > _LEADER:
-            items.append(Line(np.array([anchor.x, x]), np.array([anchor.y, y]), "", line, "solid", 0.6))
+        boxes.append(_box(place, anchor.text))
+        x, y = room.values(*place)
+        if np.hypot(place[0] - at[0], place[1] - at[1]) > _LEADER:
+            start = room.values(*at)
+            items.append(Line(np.array([start[0], x]), np.array([start[1], y]), "", line, "solid", 0.6))
         items.append(Note(x, y, anchor.text, "center", "center", colour, True))
     return items, left_out
+
+
+def _beside(
+    at: tuple[float, float], text: str, room: Room, boxes: list[tuple[float, float, float, float]]
+) -> tuple[float, float] | None:
+    """The free place near a point that hides least and whose line back crosses least; None where there is none."""
+    best: tuple[float, tuple[float, float]] | None = None
+    for radius in _RADII:
+        for turn in range(_DIRECTIONS if radius else 1):
+            angle = 2.0 * np.pi * (turn - 4) / _DIRECTIONS  # downwards first
+            # Words are wider than high: sideways a label has to go farther to come free of its point.
+            aside = 0.5 * _CHARACTER * len(text) if radius else 0.0
+            place = (at[0] + (radius + aside) * float(np.cos(angle)), at[1] + radius * float(np.sin(angle)))
+            box = _box(place, text)
+            if not _fits(box, room, boxes):
+                continue
+            cost = radius + _HIDING * room.hidden(box) + _CROSSING * _crossed(at, place, room)
+            if best is None or cost < best[0] - 1e-9:
+                best = (cost, place)
+    return None if best is None else best[1]
+
+
+def _crossed(start: tuple[float, float], end: tuple[float, float], room: Room) -> float:
+    """The share of a line that runs over busy cells, not counting its beginning."""
+    shares = np.linspace(0.2, 1.0, 12)
+    points = [tuple(a + float(t) * (b - a) for a, b in zip(start, end, strict=True)) for t in shares]
+    return float(np.mean([room.hidden((p[0], p[0], p[1], p[1])) for p in points]))
 
 
 def _box(centre: tuple[float, float], text: str) -> tuple[float, float, float, float]:

@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import Any, Final
 
 from maglev_ctrl.report.chart import Area, Bars, Cells, Chart, Heat, Line, Marks, Note, Rule, Span
-from maglev_ctrl.report.style import PAPER, Dash, Symbol
+from maglev_ctrl.report.style import INK, ON_MAP, PAPER, Dash, Symbol
 
 DASHES: Final[dict[Dash, Any]] = {"solid": "-", "dash": (0, (5, 2)), "dot": (0, (1, 1.6)), "dashdot": (0, (5, 2, 1, 2))}
-HATCH: Final = "#000000"  # on light cells whatever the page's theme
 SYMBOLS: Final[dict[Symbol, str]] = {
     "circle": "o", "square": "s", "diamond": "D", "cross": "x", "triangle": "^", "open_circle": "o",
 }  # fmt: skip
@@ -24,17 +23,23 @@ def legend_entries(chart: Chart) -> list[tuple[Any, str]]:
     return [(handle, label) for label, handle in entries.items()]
 
 
+def on_page(colour: str) -> str:
+    """A colour of a figure as its legend shows it, beside the map and not on it."""
+    return INK if colour == ON_MAP else colour
+
+
 def _handle(item: Line | Rule | Marks | Bars | Area | Span | Cells) -> Any:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     match item:
         case Line() | Rule():
-            return Line2D([], [], color=item.colour, linestyle=DASHES[item.dash], linewidth=item.width)
+            return Line2D([], [], color=on_page(item.colour), linestyle=DASHES[item.dash], linewidth=item.width)
         case Marks():
-            face = "none" if item.symbol == "open_circle" else item.colour
+            tint = on_page(item.colour)
+            face = "none" if item.symbol == "open_circle" else tint
             return Line2D(
-                [], [], color=item.colour, linestyle="none", marker=SYMBOLS[item.symbol], markersize=item.size,
+                [], [], color=tint, linestyle="none", marker=SYMBOLS[item.symbol], markersize=item.size,
                 markerfacecolor=face,
             )  # fmt: skip
         case Bars():
@@ -49,4 +54,4 @@ def _handle(item: Line | Rule | Marks | Bars | Area | Span | Cells) -> Any:
             hatch = "///" if item.hatched else None
             return Patch(facecolor=face, edgecolor=edge, alpha=max(item.opacity, 0.2), hatch=hatch, linewidth=0)
         case Cells():
-            return Patch(facecolor=item.colour, edgecolor=HATCH, hatch="/////" if item.hatched else None, linewidth=0)
+            return Patch(facecolor=item.colour, edgecolor=ON_MAP, hatch="/////" if item.hatched else None, linewidth=0)

@@ -20,6 +20,7 @@ FADED: Final = "#8a8a8a"
 PASS_COLOUR: Final = "#009e73"
 FAIL_COLOUR: Final = "#d55e00"
 UNKNOWN_COLOUR: Final = "#8a8a8a"
+ON_MAP: Final = "#000000"  # ink on the light colours of a map, whatever the page's theme; legends show it as ink
 
 # Okabe and Ito (2008): told apart with every common colour blindness; yellow comes last, it is weak on white paper.
 # Brown and violet follow, so that ten options side by side all have a colour of their own.

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
 from maglev_ctrl.analysis.floquet_margins import floquet_margins
-from maglev_ctrl.analysis.plane_records import NO_ANSWER, STABLE, UNRESOLVED, UNSTABLE, MapAxis, StabilityPlane
+from maglev_ctrl.analysis.plane_records import NO_ANSWER, UNRESOLVED, MapAxis, StabilityPlane
 from maglev_ctrl.analysis.resonance import state_tongues
-from maglev_ctrl.analysis.resonance_map import resonance_map
+from maglev_ctrl.analysis.stability_plane import stability_plane
 from maglev_ctrl.analysis.tongue_atlas import tongue_atlas
 from maglev_ctrl.analysis.tongue_removal import tongue_removal
 from maglev_ctrl.analysis.tongue_table import TongueRow
@@ -28,7 +29,7 @@ LABELS = ("car heave", "car pitch")
 def system(*, depth: float = DEPTH, gain: float = 1.0, speed: float = SPEED) -> PeriodicSystem:
     """Heave and pitch on a modulated stiffness; from about 95 m/s on a circulatory force alone makes them unstable."""
     K = np.diag([(2.0 * np.pi * 3.0) ** 2, (2.0 * np.pi * 4.5) ** 2])
-    twist = 30.0 * (speed / 60.0) ** 2
+    twist = 60.0 * (speed / 60.0) ** 3
     K = K + np.array([[0.0, twist], [-twist, 0.0]])
     C = gain * np.array([[0.5, 0.0], [0.0, 0.7]]) - 0.004 * max(speed - 30.0, 0.0) * np.eye(2)
     K_1 = depth * np.array([[355.0, 160.0], [210.0, 800.0]])
@@ -39,29 +40,22 @@ def system(*, depth: float = DEPTH, gain: float = 1.0, speed: float = SPEED) -> 
 
 
 def plane(*, count: tuple[int, int] = (120, 60), gain: float = 1.0, spoiled: bool = False) -> StabilityPlane:
-    """The map over speed and depth."""
-    speeds, depths = np.linspace(20.0, 115.0, count[0]), np.linspace(0.0, 0.6, count[1])
-    units = [system(depth=1.0, gain=gain, speed=float(v)) for v in speeds]
-    found = resonance_map(
-        np.stack([u.A_0 for u in units]), np.stack([u.A_cos for u in units]), np.stack([u.A_sin for u in units]),
-        np.array([float(u.frequency) for u in units]), depths, parameter=speeds, labels=LABELS, seeds=False,
+    """The map over speed and depth; `spoiled` has a part that is unresolved and one without an answer."""
+    found = stability_plane(
+        lambda v, depth: system(depth=depth, gain=gain, speed=v),
+        MapAxis("speed", np.linspace(20.0, 115.0, count[0]), reciprocal=True),
+        MapAxis("depth", np.linspace(0.0, 0.6, count[1]), linear=True), labels=LABELS,
     )  # fmt: skip
-    state = np.where(found.unstable, UNSTABLE, STABLE).astype(np.int8)
-    growth = np.array(found.growth_rate)
-    index = found.tongue_index.astype(np.int16)
-    if spoiled:
-        state[80:86, 30:40] = UNRESOLVED
-        state[:8, 45:] = NO_ANSWER
-        growth[:8, 45:] = np.nan
-        index[state != UNSTABLE] = -1
-    return StabilityPlane(
-        x=MapAxis("speed", speeds, reciprocal=True), y=MapAxis("depth", depths, linear=True), growth=growth,
-        growth_error=np.broadcast_to(found.error_bound[:, None], growth.shape), state=state,
-        interpolated=np.zeros(state.shape, dtype=bool), tongue_index=index, tongues=found.tongues,
-        checked=found.checked, check_difference=found.check_difference,
-        faults=("the magnets touch at 21.6 m/s and depth 0.45",) if spoiled else (), evaluated=state.size,
-        integrated=9 * count[0], missed_width=0.8, method="Taylor propagators, Chebyshev in depth",
-    )  # fmt: skip
+    if not spoiled:
+        return found
+    state, growth, index = np.array(found.state), np.array(found.growth), np.array(found.tongue_index)
+    undecided = np.zeros(state.shape, dtype=bool)
+    undecided[int(0.66 * count[0]) : int(0.72 * count[0]), count[1] // 2 : int(0.67 * count[1])] = True
+    blank = np.zeros(state.shape, dtype=bool)
+    blank[: count[0] // 15, 3 * count[1] // 4 :] = True
+    state[undecided], state[blank], growth[blank] = UNRESOLVED, NO_ANSWER, np.nan
+    index[undecided | blank] = -1
+    return replace(found, state=state, growth=growth, tongue_index=index, faults=("the magnets touch at 21.6 m/s",))
 
 
 def tongues() -> tuple[TongueRow, ...]:

@@ -6,18 +6,19 @@ from typing import Final
 
 import numpy as np
 
-from maglev_ctrl.analysis.tongue_atlas import TongueAtlas, TongueCrossing
-from maglev_ctrl.report.chart import Axis, Chart, Item, Line, Marks, Note, Panel, Span
+from maglev_ctrl.analysis.tongue_atlas import TongueAtlas, TongueCrossing, Verdict
+from maglev_ctrl.report.chart import Axis, Bars, Chart, Item, Line, Marks, Note, Panel
 from maglev_ctrl.report.charts_periodic import short_words
 from maglev_ctrl.report.labels import Anchor, Room, placed
-from maglev_ctrl.report.map.words import ranges_words
-from maglev_ctrl.report.style import FADED, FAIL_COLOUR, INK, PASS_COLOUR, UNKNOWN_COLOUR, Symbol, colour, number
+from maglev_ctrl.report.map.words import ranges_words, span_words
+from maglev_ctrl.report.style import FADED, FAIL_COLOUR, INK, UNKNOWN_COLOUR, Symbol, colour, number
 from maglev_ctrl.study.map.records import OptionMap
 
 _SIZE: Final = (4.3, 3.3)  # in, of the Campbell diagram
 _ROOM_ABOVE: Final = 1.12  # of the highest thing that matters
 _LEAST_BAND: Final = 0.004  # of the speeds: a narrower no-go band is drawn this wide, for it must be seen
 _MOST_NAMES: Final = 14
+_GO_COLOUR: Final = "#8fd3bf"  # the green of what passes, paler: most of a good atlas is go
 _TURN: Final = 2.0 * np.pi
 
 
@@ -37,8 +38,10 @@ def atlas_chart(option: OptionMap, atlas: TongueAtlas, speed: tuple[float, str])
     ) / _TURN  # fmt: skip
     limits_y = (0.0, top)
     curves = [*_sums(atlas, scale, limits_y), *_modes(atlas, scale)]
-    curves += _passing(atlas, scale, limits, limits_y)
-    marks, left_out = _crossings(atlas, speed, limits, limits_y)
+    passing = _passing(atlas, scale, limits, limits_y)
+    told = [Anchor(one.x, one.y, one.text) for one in passing if isinstance(one, Note)]
+    curves += passing
+    marks, left_out = _crossings(atlas, speed, limits, limits_y, told)
     panel = Panel(
         (*curves, *marks), Axis(f"speed ({unit})", limits=limits), Axis("frequency (Hz)", limits=limits_y)
     )  # fmt: skip
@@ -48,8 +51,8 @@ def atlas_chart(option: OptionMap, atlas: TongueAtlas, speed: tuple[float, str])
         caption=f"Tongue atlas of {option.label}: natural frequencies, their sums and differences that are met, and "
         "the lines of k times the passing frequency. Filled where lines meet: the pair of modes grows there; hollow: "
         f"it decays; a cross: the methods do not decide.{hidden} Below: speeds that are stable (go), unstable (no "
-        "go, hatched) and UNRESOLVED (dark, hatched), decided by both engines and not by the lines; bands narrower "
-        f"than {number(100 * _LEAST_BAND, '%')} of the range are drawn that wide.",
+        "go, orange and hatched) and UNRESOLVED (grey and hatched), decided by both engines and not by the lines; "
+        f"bands narrower than {100 * _LEAST_BAND:g} % of the range are drawn that wide.",
         alt=atlas_alt(option, atlas, speed), panels=(panel, bands_panel(atlas, speed, limits)),
         row_heights=(_SIZE[1], 0.18), share_x=True, legend="right",
     )  # fmt: skip
@@ -67,14 +70,23 @@ def atlas_alt(option: OptionMap, atlas: TongueAtlas, speed: tuple[float, str]) -
 def bands_panel(atlas: TongueAtlas, speed: tuple[float, str], limits: tuple[float, float]) -> Panel:
     """Bands of the speeds: narrow ones widened until they show, the bad ones drawn over the good."""
     least = _LEAST_BAND * (limits[1] - limits[0])
-    looks = (("go", PASS_COLOUR, 0.35, False, "go"), ("unresolved", UNKNOWN_COLOUR, 1.0, True, "UNRESOLVED"),
-             ("no-go", FAIL_COLOUR, 0.9, True, "no go"))  # fmt: skip
+    looks: tuple[tuple[Verdict, str, bool, str], ...] = (
+        ("go", _GO_COLOUR, False, "go"), ("unresolved", UNKNOWN_COLOUR, True, "UNRESOLVED"),
+        ("no-go", FAIL_COLOUR, True, "no go"),
+    )  # fmt: skip
     items: list[Item] = []
-    for verdict, tint, opacity, hatched, label in looks:
-        for one in (one for one in atlas.ranges if one.verdict == verdict):
-            low, high = one.lower * speed[0], one.upper * speed[0]
-            short = max(0.0, least - (high - low)) / 2 if verdict != "go" else 0.0
-            items.append(Span("x", low - short, high + short, tint, opacity, hatched, label))
+    for verdict, tint, hatched, label in looks:
+        found = atlas.of(verdict)
+        low = np.array([one.lower * speed[0] for one in found])
+        length = np.array([one.upper * speed[0] for one in found]) - low
+        short = np.maximum(0.0, least - length) / 2 if verdict != "go" else np.zeros(len(found))
+        hover = tuple(
+            "\n".join(part for part in (f"{label}: {span_words(one, speed[0])} {speed[1]}", *one.tongues) if part)
+            for one in found
+        )
+        if found:
+            middle = np.full(len(found), 0.5)
+            items.append(Bars(middle, low - short, length + 2.0 * short, 1.0, label, tint, hatched, hover))
     return Panel(tuple(items), Axis(f"speed ({speed[1]})", limits=limits), Axis("", limits=(0.0, 1.0), hidden=True))
 
 
@@ -96,9 +108,18 @@ def _level(atlas: TongueAtlas, one: TongueCrossing) -> float:
 
 def _modes(atlas: TongueAtlas, scale: float) -> list[Item]:
     return [
-        Line(atlas.speed * scale, values / _TURN, f"w{k + 1}", colour(1 + k), "solid", 1.6)
+        Line(atlas.speed * scale, values / _TURN, mode_words(atlas, k + 1), colour(1 + k), "solid", 1.6)
         for k, values in enumerate(atlas.frequencies.T)
     ]
+
+
+def mode_words(atlas: TongueAtlas, mode: int) -> str:
+    """A mode's number with its label, where the crossings know one: "w1 (car heave)"."""
+    for one in atlas.crossings:
+        for known, label in zip(one.resonance.modes, one.resonance.labels, strict=False):
+            if known == mode and label:
+                return f"w{mode} ({label})"
+    return f"w{mode}"
 
 
 def _sums(atlas: TongueAtlas, scale: float, limits: tuple[float, float]) -> list[Item]:
@@ -133,12 +154,16 @@ def _passing(
         level = min(float(np.interp(at, x, y)), 0.97 * limits_y[1])
         if y[0] < 0.9 * limits_y[1]:
             room = 0.03 * (limits[1] - limits[0])
-            items.append(Note(max(at - room / 3, limits[0] + room), level, f"k={order}", "right", "top", INK))
+            items.append(Note(max(at - 1.6 * room, limits[0] + room), level, f"k = {order}", "center", "top", INK))
     return items
 
 
 def _crossings(
-    atlas: TongueAtlas, speed: tuple[float, str], limits: tuple[float, float], limits_y: tuple[float, float]
+    atlas: TongueAtlas,
+    speed: tuple[float, str],
+    limits: tuple[float, float],
+    limits_y: tuple[float, float],
+    told: list[Anchor],
 ) -> tuple[list[Item], int]:
     """Marks of the crossings with the names of those that matter, and how many of these found no place."""
     unstable, damped, unknown = _kinds(atlas)
@@ -175,5 +200,5 @@ def _crossings(
         row = int(_level(atlas, one) / _TURN / limits_y[1] * 59)
         if 0 <= row < 60 and 0 <= column < 90:
             busy[max(0, row - 1) : row + 2, max(0, column - 1) : column + 2] = True
-    notes, left_out = placed(anchors[:_MOST_NAMES], Room(limits, limits_y, _SIZE, busy))
+    notes, left_out = placed(anchors[:_MOST_NAMES], Room(limits, limits_y, _SIZE, busy), taken=told)
     return [*items, *notes], left_out + max(0, len(anchors) - _MOST_NAMES)

@@ -8,19 +8,19 @@ from typing import Final
 import numpy as np
 
 from maglev_ctrl.analysis.plane_records import NO_ANSWER, STABLE, UNRESOLVED, UNSTABLE, StabilityPlane
-from maglev_ctrl.report.chart import Axis, Cells, Chart, Heat, Item, Line, Marks, Panel, Rule
+from maglev_ctrl.report.chart import Axis, Cells, Chart, Heat, Item, Line, Marks, Panel
 from maglev_ctrl.report.labels import Anchor, Room, placed
 from maglev_ctrl.report.map.picture import Picture, boundary, picture, region_anchors
 from maglev_ctrl.report.map.words import percent, reasons, scan_words
 from maglev_ctrl.report.raster import outer_edges
-from maglev_ctrl.report.style import number
+from maglev_ctrl.report.style import ON_MAP, number
 from maglev_ctrl.study.map.records import MapQuantity, OptionMap
 
-BLACK: Final = "#000000"  # on the map's own light colours whatever the page's theme
 _GREY: Final = "#9b9b9b"
 _PALE: Final = "#f4f4f4"
 _STRONG: Final = "#f98c0a"
 _MOST_NAMES: Final = 24
+_MOST_IN_PAIR: Final = 4
 _SIZE: Final = (5.2, 3.4)  # in, of a map alone
 _PAIR: Final = (2.25, 2.3)  # in, of two side by side
 _GAP: Final = 0.05  # of the panel's height between the two scales
@@ -29,11 +29,12 @@ _GAP: Final = 0.05  # of the panel's height between the two scales
 def map_chart(option: OptionMap, plane: StabilityPlane, x: MapQuantity, y: MapQuantity) -> Chart:
     """The map of one option."""
     shown = picture(plane, scale=(x.scale, y.scale))
-    panel, hidden = _panel(plane, shown, x, y, limits=_limits([shown]), size=_SIZE)
+    anchors = region_anchors(shown, plane)
+    panel, hidden = _panel(shown, anchors, x, y, limits=_limits([shown]), size=_SIZE)
+    signs = _legend_words(shown, plane, anchors, hidden)
     return Chart(
-        key=f"{option.name}-map",
-        caption=f"Stability of {option.label} over {x.label} and {y.label}. {_legend_words(shown, plane, hidden)}",
-        alt=map_alt(option, plane, x, y), panels=(panel,), row_heights=(_SIZE[1],), legend="bottom",
+        key=f"{option.name}-map", caption=f"Stability of {option.label} over {x.label} and {y.label}. {signs}",
+        alt=_alt(option, plane, anchors, x, y), panels=(panel,), row_heights=(_SIZE[1],), legend="bottom",
     )  # fmt: skip
 
 
@@ -44,13 +45,16 @@ def pair_chart(
     shown = [picture(plane, scale=(x.scale, y.scale)) for _, plane in planes]
     limits = _limits(shown)
     panels = [
-        _panel(plane, one, x, y, limits=limits, size=_PAIR, title=title, scales=plane is planes[-1][1])[0]
+        _panel(
+            one, region_anchors(one, plane), x, y, limits=limits, size=_PAIR, title=title, last=plane is planes[-1][1]
+        )[0]
         for (title, plane), one in zip(planes, shown, strict=True)
     ]
-    told = "; ".join(f"{title}: {share_words(plane)}" for title, plane in planes)
+    told = ". ".join(f"{title[:1].upper()}{title[1:]}: {share_words(plane)}" for title, plane in planes)
     return Chart(
         key=f"{option.name}-laws-map",
-        caption=f"{option.label} under two laws, same axes and colours. {told}. Signs as in the map above.",
+        caption=f"{option.label} under two laws, same axes and colours. {told}. Signs as in the "
+        "map above; the largest regions are named.",
         alt=f"Stability of {option.label} over {x.label} and {y.label} under two laws. {told}.",
         panels=tuple(panels), columns=len(panels), row_heights=(_PAIR[1],), legend="bottom",
     )  # fmt: skip
@@ -72,14 +76,15 @@ def share_words(plane: StabilityPlane) -> str:
     return ", ".join(parts)
 
 
-def map_alt(option: OptionMap, plane: StabilityPlane, x: MapQuantity, y: MapQuantity) -> str:
+def _alt(option: OptionMap, plane: StabilityPlane, anchors: list[Anchor], x: MapQuantity, y: MapQuantity) -> str:
     """The map in words."""
     ranges = " and ".join(
         f"{q.label} from {number(float(q.values[0]) * q.scale)} to {number(float(q.values[-1]) * q.scale, q.unit)}"
         for q in (x, y)
     )
-    names = ", ".join(dict.fromkeys(one.text for one in region_anchors(picture(plane), plane)))
-    return f"Stability map of {option.label} over {ranges}: {share_words(plane)}. Unstable regions: {names or 'none'}."
+    names = ", ".join(dict.fromkeys(one.text for one in anchors))
+    regions = f" Unstable regions: {names}." if names else ""
+    return f"Stability map of {option.label} over {ranges}: {share_words(plane)}.{regions}"
 
 
 def _limits(shown: Sequence[Picture]) -> tuple[float, float]:
@@ -94,22 +99,23 @@ def _limits(shown: Sequence[Picture]) -> tuple[float, float]:
 
 
 def _panel(
-    plane: StabilityPlane, shown: Picture, x: MapQuantity, y: MapQuantity, *, limits: tuple[float, float],
-    size: tuple[float, float], title: str = "", scales: bool = True,
+    shown: Picture, anchors: list[Anchor], x: MapQuantity, y: MapQuantity, *, limits: tuple[float, float],
+    size: tuple[float, float], title: str = "", last: bool = True,
 ) -> tuple[Panel, int]:  # fmt: skip
-    """One map and the number of regions without a name in it."""
+    """One map and the number of regions without a name in it; the `last` of a row has the scales of its colours."""
     x_limits, y_limits = outer_edges(shown.x), outer_edges(shown.y)
-    items = [*_colours(shown, limits, scales=scales)]
+    items = [*_colours(shown, limits, scales=last)]
     across, up = boundary(shown)
     if across.size:
-        items.append(Line(across, up, "boundary of stability", BLACK, "solid", 0.8))
+        items.append(Line(across, up, "boundary of stability", ON_MAP, "solid", 0.8))
     design, words = _design(x, y, x_limits, y_limits)
     items += design
-    anchors = region_anchors(shown, plane)
     room = Room(x_limits, y_limits, size, shown.where(UNSTABLE))
-    names, left_out = placed(anchors[:_MOST_NAMES], room, taken=words, line=BLACK)
-    axes = Axis(axis_words(x), limits=x_limits), Axis(axis_words(y), limits=y_limits)
-    return Panel((*items, *names), *axes, title=title), left_out + max(0, len(anchors) - _MOST_NAMES)
+    most = _MOST_NAMES if size == _SIZE else _MOST_IN_PAIR
+    names, left_out = placed(anchors[:most], room, taken=words, line=ON_MAP)
+    beside = bool(title) and last  # of two maps over the same axes the left one names them
+    axes = Axis(axis_words(x), limits=x_limits), Axis("" if beside else axis_words(y), limits=y_limits)
+    return Panel((*items, *names), *axes, title=title), left_out + max(0, len(anchors) - most)
 
 
 def _colours(shown: Picture, limits: tuple[float, float], *, scales: bool) -> list[Item]:
@@ -122,12 +128,12 @@ def _colours(shown: Picture, limits: tuple[float, float], *, scales: bool) -> li
         high = limits[0] or 1.0
         upper = ((0.5 + _GAP / 2, 1.0) if both else (0.0, 1.0)) if scales else None
         z = np.where(growing, shown.growth, np.nan)
-        items.append(Heat(shown.x, shown.y, z, "unstable: growth rate (1/s)", 0.0, high, "growth", upper))
+        items.append(Heat(shown.x, shown.y, z, "growth (1/s)", 0.0, high, "growth", upper))
     if still.any():
         high = limits[1] or 1.0
         lower = ((0.0, 0.5 - _GAP / 2) if both else (0.0, 1.0)) if scales else None
         z = np.where(still, -shown.growth, np.nan)
-        items.append(Heat(shown.x, shown.y, z, "stable: decay rate (1/s)", 0.0, high, "decay", lower))
+        items.append(Heat(shown.x, shown.y, z, "decay (1/s)", 0.0, high, "decay", lower))
     for mask, words, tint, hatched in (
         (shown.where(UNSTABLE) & ~known, "unstable, growth not computed", _STRONG, False),
         (shown.where(STABLE) & ~known, "stable, decay not computed", "#d4e2ee", False),
@@ -146,24 +152,26 @@ def _design(
     items: list[Item] = []
     at = (x.design * x.scale, y.design * y.scale)
     inside = tuple(low <= value <= high for value, (low, high) in zip(at, (x_limits, y_limits), strict=True))
-    for axis, q, value, seen in (("x", x, at[0], inside[0]), ("y", y, at[1], inside[1])):
-        if seen:
-            label = f"design {q.label} {number(value, q.unit)}"
-            items.append(Rule("x" if axis == "x" else "y", value, label, BLACK, "dot" if axis == "x" else "dash", 0.9))
+    if inside[0]:
+        label = f"design {x.label} {number(at[0], x.unit)}"
+        items.append(Line(np.full(2, at[0]), np.array(y_limits), label, ON_MAP, "dot", 0.9))
+    if inside[1]:
+        label = f"design {y.label} {number(at[1], y.unit)}"
+        items.append(Line(np.array(x_limits), np.full(2, at[1]), label, ON_MAP, "dash", 0.9))
     if not all(inside):
         return items, []
-    items.append(Marks(np.array([at[0]]), np.array([at[1]]), "diamond", "design point", BLACK, 5.0, ("design point",)))
+    items.append(Marks(np.array([at[0]]), np.array([at[1]]), "diamond", "design point", ON_MAP, 5.0, ("design point",)))
     return items, [Anchor(at[0], at[1], " ")]
 
 
-def _legend_words(shown: Picture, plane: StabilityPlane, hidden: int) -> str:
+def _legend_words(shown: Picture, plane: StabilityPlane, anchors: list[Anchor], hidden: int) -> str:
     """What the colours and signs of this very map stand for."""
     words = []
     if shown.where(UNSTABLE).any():
         words.append("Strong colours are unstable: the growth rate; names say which modes feed each other.")
     if shown.where(STABLE).any():
         words.append("Faint blue is stable: the decay rate of the slowest motion.")
-    if any(one.text == "none" for one in region_anchors(shown, plane)):
+    if any(one.text == "none" for one in anchors):
         words.append('"none": unstable without any resonance.')
     if shown.where(UNRESOLVED).any():
         words.append("Hatched is UNRESOLVED: the methods do not decide, it does not count as stable.")

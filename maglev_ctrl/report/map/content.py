@@ -172,7 +172,7 @@ def _margins(study: MapStudy, option: OptionMap) -> list[Block]:
     if option.margins is None:
         return [Paragraph(f"No Floquet margins: {option.margins_reason}")] if option.margins_reason else []
     reason: list[Block] = [Paragraph(option.margins_reason)] if option.margins_reason else []
-    return [margin_table(option, option.margins, speed_unit(study)), *reason]
+    return [margin_table(option, option.margins, speed_unit(study), depth=study.depth), *reason]
 
 
 def _law(study: MapStudy, option: OptionMap) -> list[Block]:

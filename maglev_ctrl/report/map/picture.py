@@ -60,16 +60,16 @@ def picture(
     )  # fmt: skip
 
 
-def _priority(plane: StabilityPlane) -> NDArray[np.int64]:
-    """Rank of every point among all: its state first, then its growth."""
-    state = np.zeros(plane.state.shape, dtype=np.int64)
+def _priority(plane: StabilityPlane) -> FloatArray:
+    """How bad every point is: whole numbers by its state, what lies between by its growth."""
+    bad = np.zeros(plane.state.shape)
     for value, rank in _RANK.items():
-        state[plane.state == value] = rank
-    growth = np.where(np.isnan(plane.growth), -np.inf, plane.growth)
-    order = np.lexsort((growth.ravel(), state.ravel()))
-    rank_of = np.empty(order.size, dtype=np.int64)
-    rank_of[order] = np.arange(order.size)
-    return rank_of.reshape(plane.state.shape)
+        bad[plane.state == value] = rank
+    known = np.isfinite(plane.growth)
+    if known.any():
+        low, high = float(plane.growth[known].min()), float(plane.growth[known].max())
+        bad[known] += 0.1 + 0.8 * (plane.growth[known] - low) / ((high - low) or 1.0)
+    return bad
 
 
 def boundary(shown: Picture) -> tuple[FloatArray, FloatArray]:
@@ -93,13 +93,13 @@ def boundary(shown: Picture) -> tuple[FloatArray, FloatArray]:
 
 
 def region_anchors(shown: Picture, plane: StabilityPlane) -> list[Anchor]:
-    """One name per connected unstable region, the largest regions first, each at its inmost point.
+    """One name per connected unstable region, the largest regions first, each at its inmost point or its lowest.
 
     Pieces of one tongue that a grid has cut apart are named once where they lie close together.
     """
     from scipy import ndimage
 
-    found: list[tuple[int, int, int, str]] = []
+    found: list[tuple[int, tuple[int, int], tuple[int, int], str]] = []
     for index in (int(i) for i in np.unique(shown.tongue[shown.where(UNSTABLE)])):
         text = "unnamed" if index < 0 else region_words(plane.tongues[index].name)
         mask = shown.where(UNSTABLE) & (shown.tongue == index)
@@ -107,15 +107,21 @@ def region_anchors(shown: Picture, plane: StabilityPlane) -> list[Anchor]:
         for k, window in enumerate(ndimage.find_objects(parts), start=1):
             own = np.pad(parts[window] == k, 1)
             row, column = np.unravel_index(int(np.argmax(ndimage.distance_transform_cdt(own))), own.shape)
-            found.append((int(own.sum()), int(row) - 1 + window[0].start, int(column) - 1 + window[1].start, text))
+            lowest = np.flatnonzero(own[1])  # the first row that holds cells: the tip of a tongue over depth
+            tip = window[0].start, window[1].start - 1 + int(lowest[len(lowest) // 2])
+            inmost = int(row) - 1 + window[0].start, int(column) - 1 + window[1].start
+            found.append((int(own.sum()), inmost, tip, text))
     rows, columns = shown.state.shape
-    kept: list[tuple[int, int, str]] = []
-    for _, r, c, text in sorted(found, key=lambda one: (-one[0], one[3], one[2], one[1])):
+    kept: list[tuple[tuple[int, int], tuple[int, int], str]] = []
+    for _, (r, c), tip, text in sorted(found, key=lambda one: (-one[0], one[3], one[1])):
         if not any(
-            text == other and abs(r - s) < _NEAR * rows and abs(c - d) < _NEAR * columns for s, d, other in kept
+            text == other and abs(r - s) < _NEAR * rows and abs(c - d) < _NEAR * columns for (s, d), _, other in kept
         ):
-            kept.append((r, c, text))
-    return [Anchor(float(shown.x[c]), float(shown.y[r]), text) for r, c, text in kept]
+            kept.append(((r, c), tip, text))
+    return [
+        Anchor(float(shown.x[c]), float(shown.y[r]), text, (float(shown.x[tip[1]]), float(shown.y[tip[0]])))
+        for (r, c), tip, text in kept
+    ]
 
 
 def region_words(name: str) -> str:

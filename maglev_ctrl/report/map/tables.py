@@ -10,7 +10,7 @@ from maglev_ctrl.analysis.tongue_atlas import TongueAtlas
 from maglev_ctrl.analysis.tongue_removal import Removal
 from maglev_ctrl.analysis.tongue_table import TongueRow
 from maglev_ctrl.errors import Agreement
-from maglev_ctrl.report.charts_periodic import short_words, tongue_words
+from maglev_ctrl.report.charts_periodic import short_words
 from maglev_ctrl.report.map.words import VERDICTS, bound_sentence, margin_words, span_words
 from maglev_ctrl.report.model import Table, row
 from maglev_ctrl.report.style import ABSENT, number
@@ -105,7 +105,7 @@ def range_table(option: OptionMap, atlas: TongueAtlas, speed: tuple[float, str],
     """Go and no-go speeds."""
     rows = tuple(
         row(
-            span_words(one, speed[0]), VERDICTS[one.verdict], ", ".join(tongue_words(name) for name in one.tongues),
+            span_words(one, speed[0]), VERDICTS[one.verdict], ", ".join(short_words(name) for name in one.tongues),
             number(one.growth), one.reason,
         )
         for one in atlas.ranges
@@ -115,23 +115,26 @@ def range_table(option: OptionMap, atlas: TongueAtlas, speed: tuple[float, str],
     return Table(caption, heads, rows, (1.4, 0.9, 2.6, 1.0, 2.0), (3,))
 
 
-def margin_table(option: OptionMap, margins: FloquetMargins, speed: tuple[float, str]) -> Table:
+def margin_table(option: OptionMap, margins: FloquetMargins, speed: tuple[float, str], *, depth: float) -> Table:
     """Floquet margins about the design point, each with its bracket."""
     cases: list[tuple[str, PeriodicMargin | None, float, str]] = [("depth", margins.depth, 100.0, "%")]
     for name, pair, scale, unit in (("gain", margins.gain, 1.0, ""), ("speed", margins.speed, *speed)):
         down, up = pair if pair is not None else (None, None)
         cases += [(f"{name}, down", down, scale, unit), (f"{name}, up", up, scale, unit)]
-    rows = tuple(row(name, *_margin_cells(one, scale, unit)) for name, one, scale, unit in cases)
+    rows = []
+    for name, one, scale, unit in cases:
+        cells = _margin_cells(one, scale, unit)
+        rows.append(row(name, number(100.0 * depth, "%") if name == "depth" else cells[0], *cells[1:]))
     heads = ("Margin", "Design", "Lost at", "Bracket", "Tongue", "What kind of bound", "Strip that may be missed")
     caption = f"Floquet margins of {option.label}: how far one quantity may go alone until a motion grows"
-    return Table(caption, heads, rows, (1.0, 0.8, 1.0, 1.5, 1.4, 2.2, 1.0), (1, 2), True)
+    return Table(caption, heads, tuple(rows), (1.0, 0.8, 1.0, 1.5, 1.4, 2.2, 1.0), (1, 2), True)
 
 
 def _margin_cells(one: PeriodicMargin | None, scale: float, unit: str) -> tuple[str, ...]:
     if one is None:
         return ABSENT, ABSENT, ABSENT, ABSENT, "unstable at the design point itself", ABSENT
     undecided = one.agreement is Agreement.UNRESOLVED
-    tongue = "unstable without modulation" if one.unmodulated else tongue_words(one.tongue.name)
+    tongue = "unstable without modulation" if one.unmodulated else short_words(one.tongue.name)
     return (
         number(one.nominal * scale, unit), margin_words(one, scale, unit, digits=4),
         ABSENT if undecided else bracket_words(one, scale, unit),

@@ -15,11 +15,11 @@ from maglev_ctrl.report.style import ABSENT, number
 from maglev_ctrl.study.map.records import MapQuantity, MapStudy, OptionMap
 
 HOW_TO_READ = (
-    "Every point of a map is the vehicle at one pair of values: strong colours grow, faint blue decays, the black line "
-    "lies between, and the cross of thin lines is the scenario's own design. An unstable region is named by the modes "
-    "that feed each other through the passing frequency: 2 w1 is mode 1 alone, w1 + w2 and w2 - w1 are two modes "
-    'together, "/2" the same at half the passing frequency, "none" an instability that needs no modulation. Hatched '
-    "and grey are not stable: there the methods do not decide, or the model has no answer."
+    "How to read a map: every point is the vehicle at one pair of values; strong colours grow, faint blue decays, the "
+    "black line lies between, and two thin lines cross at the scenario's own design. An unstable region is named by "
+    "the modes that feed each other through the passing frequency: 2\N{NO-BREAK SPACE}w1 is mode 1 alone, w1 + w2 and "
+    'w2 - w1 are two modes together, "/2" the same at half the passing frequency, "none" an instability that needs no '
+    "modulation. Hatched and grey are not stable: there the methods do not decide, or the model has no answer."
 )
 VERDICTS = {"go": "go", "no-go": "no go", "unresolved": "UNRESOLVED"}
 
@@ -70,29 +70,28 @@ def depth_axis(study: MapStudy, plane: StabilityPlane) -> str | None:
 
 
 def critical_depth_words(study: MapStudy, plane: StabilityPlane) -> str:
-    """Smallest depth of the map that is unstable anywhere; what is undecided below it comes first."""
+    """Smallest depth at which the map loses what was stable at its first depth; what is undecided below comes first."""
     axis = depth_axis(study, plane)
     if axis is None:
         return ABSENT
     depth, other = (study.y, study.x) if axis == "y" else (study.x, study.y)
     values, places = (plane.y.values, plane.x.values) if axis == "y" else (plane.x.values, plane.y.values)
     state = plane.state if axis == "y" else plane.state.T
-    lost, doubt = (_first(state == one) for one in (UNSTABLE, UNRESOLVED))
-    blank = _first(state == NO_ANSWER)
+    told = [number(float(value) * depth.scale, depth.unit) for value in values]
+    before = state[:, 0] == UNSTABLE  # lost at the first depth of the map, which may be no modulation at all
+    lost = _first((state == UNSTABLE) & ~before[:, None])
     words = []
-    for found, text in ((doubt, "UNRESOLVED from"), (blank, "no answer from")):
+    for value, text in ((UNRESOLVED, "UNRESOLVED from"), (NO_ANSWER, "no answer from")):
+        found = _first((state == value) & ~before[:, None])
         if found is not None and (lost is None or found[1] <= lost[1]):
-            words.append(f"{text} {number(float(values[found[1]]) * depth.scale, depth.unit)}")
-    if lost is None:
-        end = number(float(values[-1]) * depth.scale, depth.unit)
-        return "; ".join(words) if words else f"none up to {end}"
-    at = number(float(places[lost[0]]) * other.scale, other.unit)
-    if lost[1] == 0 and values[0] == 0.0:
-        words.append(f"unstable without modulation, at {at}")
-    elif lost[1] == 0:
-        words.append(f"at most {number(float(values[0]) * depth.scale, depth.unit)}, the map's smallest, at {at}")
-    else:
-        words.append(f"{number(float(values[lost[1]]) * depth.scale, depth.unit)} at {at}")
+            words.append(f"{text} {told[found[1]]}")
+    if lost is not None:
+        words.append(f"{told[lost[1]]} at {number(float(places[lost[0]]) * other.scale, other.unit)}")
+    elif not words and not before.all():
+        words.append(f"none up to {told[-1]}")
+    if before.any():
+        where = "everywhere" if before.all() else f"on {percent(float(before.mean()))} of the {other.label} axis"
+        words.append(f"unstable {'without modulation' if values[0] == 0.0 else f'from {told[0]} on'} {where}")
     return "; ".join(words)
 
 
@@ -166,7 +165,8 @@ def option_sentence(option: OptionMap) -> str:
     """What a hurried reader takes from an option's map."""
     plane = option.plane
     if option.failure or plane is None:
-        return f"{option.label}: no map. {option.failure or 'No reason was recorded'}"
+        reason = option.failure or "no reason was recorded"
+        return f"{option.label}: no map, {reason.rstrip('.')}."
     words = f"{option.label}: {percent(plane.share(UNSTABLE))} of the map is unstable"
     if plane.share(UNRESOLVED):
         words += f", {percent(plane.share(UNRESOLVED))} UNRESOLVED"
