@@ -10,7 +10,7 @@ from maglev_ctrl.errors import Agreement, ModelError, Status
 from maglev_ctrl.synthesis.design import Certificate, Design, verify, worst
 from maglev_ctrl.synthesis.gaussian import GuidewayNoise, SensorNoise, noise_model
 from maglev_ctrl.synthesis.lq import Compensator, lqg
-from maglev_ctrl.synthesis.neutral import Uncontrollable, hidden_modes, prepare
+from maglev_ctrl.synthesis.neutral import NEUTRAL_RATE, Uncontrollable, hidden_modes, prepare
 from maglev_ctrl.synthesis.riccati import RiccatiSolution, riccati_continuous
 from maglev_ctrl.synthesis.skyhook import SkyHook, sky_hook
 from maglev_ctrl.synthesis.weights import InputWeight, OutputWeight, quadratic_weights
@@ -25,7 +25,7 @@ def design_lqr(
     input_weights: Sequence[InputWeight],
     *,
     name: str = "LQR",
-    neutral_rate: float = 0.01,
+    neutral_rate: float = NEUTRAL_RATE,
     uncontrollable: Uncontrollable = "refuse",
 ) -> Design:
     """Linear-quadratic feedback of all states, those of actuator lags, delays and damper lags included.
@@ -78,7 +78,7 @@ def design_lqg(
     guideway: GuidewayNoise | None = None,
     refined: SecondOrderSystem | None = None,
     name: str = "LQG",
-    neutral_rate: float = 0.01,
+    neutral_rate: float = NEUTRAL_RATE,
 ) -> Design:
     """Linear-quadratic law on the estimate of a steady Kalman filter; sensors to commands, one dynamic controller.
 

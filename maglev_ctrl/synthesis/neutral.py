@@ -15,6 +15,8 @@ from maglev_ctrl.synthesis.weights import QuadraticWeights
 Uncontrollable = Literal["refuse", "leave"]
 AXIS = 1e-10
 """A pole left of the axis by less than this share of the size of the state matrix counts as neutral."""
+NEUTRAL_RATE = 0.01
+"""Rate (rad/s) at which a neutral mode that no weight sees is made to decay, unless told otherwise."""
 HIDDEN = 1e-8
 """A direction weaker than this (balanced coordinates, unit vectors) counts as zero."""
 

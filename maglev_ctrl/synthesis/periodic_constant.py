@@ -101,8 +101,9 @@ def default_spread(P: FourierMatrix) -> FloatArray:
 
 
 def law_rating(
-    regulator: PeriodicRegulator, gain: FourierMatrix, *, name: str, spread: ArrayLike | None = None
-) -> LawRating:
+    regulator: PeriodicRegulator, gain: FourierMatrix, *, name: str, spread: ArrayLike | None = None,
+    offset: ArrayLike | None = None,
+) -> LawRating:  # fmt: skip
     """Rate a law on the regulator's problem.
 
     Parameters
@@ -111,6 +112,8 @@ def law_rating(
     gain : the law u = -gain(t) x; its frequency that of the problem
     name : how to call it
     spread : (n, n) covariance of the starting states; `default_spread` where not given
+    offset : (m, n) constant part of the law that the problem has taken into its A(t), as a cross weight makes it:
+        the command is -(gain + offset) x
 
     Raises
     ------
@@ -121,12 +124,13 @@ def law_rating(
     radius = float(np.max(np.abs(loop_multipliers(problem.closed(gain)))))
     cost = periodic_cost(problem, gain) if radius < 1.0 else None
     count = 2 * max(gain.harmonics, P.harmonics, 0 if cost is None else cost.harmonics) + 33
-    values = gain.samples(count)
+    whole = gain if offset is None else gain.plus(FourierMatrix.of(offset, frequency=gain.frequency))
+    values = whole.samples(count)
     root = np.linalg.cholesky(problem.R).T
     lengths, axes = np.linalg.eigh(weight)
     commands = root @ values @ (axes * np.sqrt(np.maximum(lengths, 0.0)))
     return LawRating(
-        name=name, gain=gain, spectral_radius=radius,
+        name=name, gain=whole, spectral_radius=radius,
         mean_cost_ratio=np.inf if cost is None else float(np.sum(cost.mean * weight) / np.sum(P.mean * weight)),
         worst_cost_ratio=np.inf if cost is None else _worst_ratio(cost.samples(count), P.samples(count), P),
         peak_gain=read_only_any(np.max(np.abs(values), axis=0)),
@@ -173,8 +177,9 @@ def constant_lqr(
 
 
 def compare_laws(
-    regulator: PeriodicRegulator, *, refine: bool = True, spread: ArrayLike | None = None
-) -> PeriodicComparison:
+    regulator: PeriodicRegulator, *, refine: bool = True, spread: ArrayLike | None = None,
+    offset: ArrayLike | None = None,
+) -> PeriodicComparison:  # fmt: skip
     """The periodic law and its constant competitors on the same problem.
 
     Parameters
@@ -182,6 +187,7 @@ def compare_laws(
     regulator : the best periodic law
     refine : whether to refine the constant gain
     spread : (n, n) covariance of the starting states; `default_spread` where not given
+    offset : as in `law_rating`
 
     Raises
     ------
@@ -196,15 +202,15 @@ def compare_laws(
     >>> [(law.name, round(law.mean_cost_ratio, 2)) for law in (found.periodic, *found.constants)]
     [('periodic', 1.0), ('averaged system', inf), ('refined, from mean of the periodic gain', 1.22)]
     """
-    laws = constant_lqr(regulator, refine=refine, spread=spread)
+    laws = [(law.origin, law.gain) for law in constant_lqr(regulator, refine=refine, spread=spread)]
     frequency = regulator.gain.frequency
-    return PeriodicComparison(
-        law_rating(regulator, regulator.gain, name="periodic", spread=spread),
-        tuple(
-            law_rating(regulator, FourierMatrix.of(law.gain, frequency=frequency), name=law.origin, spread=spread)
-            for law in laws
-        ),
-    )
+    rated = [
+        law_rating(regulator, gain, name=name, spread=spread, offset=offset)
+        for name, gain in (
+            ("periodic", regulator.gain), *((name, FourierMatrix.of(gain, frequency=frequency)) for name, gain in laws)
+        )
+    ]  # fmt: skip
+    return PeriodicComparison(rated[0], tuple(rated[1:]))
 
 
 def law_map(
