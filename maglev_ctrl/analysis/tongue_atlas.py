@@ -15,16 +15,10 @@ from typing import Literal
 import numpy as np
 
 from maglev_ctrl.analysis.floquet import Floquet, floquet
-from maglev_ctrl.analysis.resonance import (
-    Resonance,
-    make_resonance,
-    modal_harmonics,
-    pair_indices,
-    pair_interval,
-    state_modes,
-)
+from maglev_ctrl.analysis.resonance import Resonance
 from maglev_ctrl.analysis.resonance_naming import name_instability
 from maglev_ctrl.analysis.tongue_search import Crossing, Path, Track, find_crossings, locate, pair_growth_in
+from maglev_ctrl.analysis.tongue_widths import first_order
 from maglev_ctrl.arrays import FloatArray, read_only, read_only_any
 from maglev_ctrl.errors import Agreement
 from maglev_ctrl.systems import PeriodicSystem
@@ -34,7 +28,6 @@ Verdict = Literal["go", "no-go", "unresolved"]
 _TOPS_NAMED = 12  # places of most growth of one unstable range that are named
 _TOPS_CHECKED = 6  # places of most growth of one stable range that both engines have to confirm
 _SHARES = (0.0, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 0.5, 1.0)  # of the way from an edge to where it is clear
-_UNDAMPED = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -303,41 +296,12 @@ def _campbell(track: Track, grid: FloatArray) -> tuple[FloatArray, FloatArray, F
 
 def _crossing(track: Track, referee: _Referee, one: Crossing, located: float, onset: float) -> TongueCrossing:
     """One crossing with its first-order width in speed and the growth both engines find."""
-    system = track.point(one.at).system
-    assert system is not None
-    modes = state_modes(system.A_0, states=system.states)
-    first, second, distance = pair_indices(modes, one.kind, *one.modes)
-    half = float("nan")
-    if one.order <= len(system.A_cos):
-        couplings = modal_harmonics(modes, system.A_cos, system.A_sin)
-        product = complex(couplings[one.order][first, second] * couplings[-one.order][second, first])
-        a, b = (0.0 if abs(s.real) <= _UNDAMPED * abs(s) else -float(s.real) for s in modes.s[[first, second]])
-        half = float(pair_interval(a, b, product)[1] / one.order / _slope(track, one))
+    theory = first_order(track, one)
     there = track.point(located)
     assert there.system is not None
     exponents, agreed = there.exponents, True
     if np.isfinite(onset):
         decided = referee.decide(located)
         exponents, agreed = decided.exponents, decided.agreement is Agreement.AGREED
-    resonance = make_resonance(one.kind, one.order, (one.modes[0] + 1, one.modes[1] + 1), modes.labels,
-                               frequency=distance / one.order)  # fmt: skip
     grown = pair_growth_in(exponents, there.system, replace(one, at=located)) if agreed else float("nan")
-    return TongueCrossing(resonance, one.at, located, half, grown, onset)
-
-
-def _slope(track: Track, one: Crossing) -> float:
-    """How fast line and curve part with speed, rad/s per m/s."""
-    known = sorted(v for v, point in track.points.items() if point.system is not None)
-    left = max((v for v in known if v < one.at - 1e-6 * one.at), default=one.at)
-    right = min((v for v in known if v > one.at + 1e-6 * one.at), default=one.at)
-    sign = -1.0 if one.kind == "difference" else 1.0
-    gaps = []
-    for v in (left, right):
-        system = track.point(v).system
-        assert system is not None
-        s = np.linalg.eigvals(system.A_0)
-        w = np.sort(s.imag[s.imag > 1e-9 * np.abs(s)])
-        if len(w) <= max(one.modes):
-            return float("nan")
-        gaps.append(abs(w[one.modes[1]] + sign * w[one.modes[0]]) / one.order - float(system.frequency))
-    return abs(gaps[1] - gaps[0]) / (right - left) if right > left else float("nan")
+    return TongueCrossing(theory.resonance, one.at, located, theory.half_width, grown, onset)

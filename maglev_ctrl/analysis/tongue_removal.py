@@ -25,6 +25,7 @@ from maglev_ctrl.analysis.resonance import (
     state_modes,
 )
 from maglev_ctrl.analysis.resonance_seeds import PairCoupling, pair_coupling
+from maglev_ctrl.analysis.resonant_pair import at_depth
 from maglev_ctrl.analysis.tongue_search import Crossing, Track, apex, pair_at, pair_exponents
 from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only_any
 from maglev_ctrl.errors import Agreement
@@ -97,12 +98,12 @@ def tongue_removals(
     ('2 w1/1', 0.015, 0.015)
     """
     orders = range(1, (max_order or 2 * len(system.A_cos)) + 1)
-    at_depth = _at_depth(system, depth)
+    scaled = at_depth(system, depth)
     count = len(state_modes(system.A_0).oscillating)
     found = []
     for kind, i, j in resonant_pairs(count):
         for order in orders:
-            known = pair_at(at_depth, Crossing(kind, (i, j), order, 0.0))
+            known = pair_at(scaled, Crossing(kind, (i, j), order, 0.0))
             if known is not None and known[0].critical(1.0) <= 1.0:
                 found.append(tongue_removal(system, kind, (i + 1, j + 1), order=order, depth=depth, largest=largest))
     return tuple(sorted(found, key=lambda t: t.frequency))
@@ -127,11 +128,11 @@ def tongue_removal(
         raise ValueError(f"depth, largest: expected positive values, got {depth} and {largest}")
     low, high = sorted(modes)
     crossing = Crossing(kind, (low - 1, high - 1), order, 0.0)
-    at_depth = _at_depth(system, depth)
-    known = pair_at(at_depth, crossing) if low >= 1 and order >= 1 else None
+    scaled = at_depth(system, depth)
+    known = pair_at(scaled, crossing) if low >= 1 and order >= 1 else None
     if known is None:
         raise ValueError(f"modes: expected two of the oscillating modes and an order from 1, got {modes}, {order}")
-    pair, first = _Pair.of(at_depth, crossing), known[1]
+    pair, first = _Pair.of(scaled, crossing), known[1]
     crossing = replace(crossing, at=pair.frequency)
     equal = _removal(pair, (low, high) if low != high else (low,), (1.0, 1.0), largest)
     alone = () if low == high else (
@@ -139,7 +140,7 @@ def tongue_removal(
     )  # fmt: skip
     name = make_resonance(kind, order, (low, high), first.labels, frequency=pair.frequency).name
     return TongueRemoval(name, crossing, depth, pair.frequency, pair.peak((0.0, 0.0))[0], equal, alone,
-                         _crowd(at_depth, crossing, 2.0 * float(np.sqrt(abs(pair.product))) / order))  # fmt: skip
+                         _crowd(scaled, crossing, 2.0 * float(np.sqrt(abs(pair.product))) / order))  # fmt: skip
 
 
 def _crowd(system: PeriodicSystem, crossing: Crossing, reach: float) -> tuple[str, ...]:
@@ -242,10 +243,6 @@ def _coupling(
 def _degree(pair: PairCoupling, harmonics: dict[int, ComplexArray]) -> int:
     size = max(float(np.max(np.abs(B))) for B in harmonics.values())
     return 1 if abs(pair.direct[0] * pair.direct[1]) > 1e-14 * size**2 else 2
-
-
-def _at_depth(system: PeriodicSystem, depth: float) -> PeriodicSystem:
-    return replace(system, A_cos=read_only_any(depth * system.A_cos), A_sin=read_only_any(depth * system.A_sin))
 
 
 @dataclass(slots=True, eq=False)

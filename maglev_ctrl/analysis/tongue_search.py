@@ -8,14 +8,14 @@ real part at the tongue's centre. A tongue is therefore found from samples besid
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from maglev_ctrl.analysis.floquet import plan_for, scaled_coefficients
+from maglev_ctrl.analysis.floquet import scaled_coefficients
 from maglev_ctrl.analysis.resonance import (
     ResonanceKind,
     StateModes,
@@ -28,7 +28,7 @@ from maglev_ctrl.analysis.resonance import (
 from maglev_ctrl.analysis.resonance_seeds import PairCoupling, pair_coupling
 from maglev_ctrl.arrays import ComplexArray, FloatArray
 from maglev_ctrl.errors import ModelError, OutOfDomain
-from maglev_ctrl.kernels import monodromy_over_depths
+from maglev_ctrl.kernels.taylor_many import monodromy_many
 from maglev_ctrl.systems import PeriodicSystem
 
 Path = Callable[[float], PeriodicSystem]
@@ -89,15 +89,26 @@ class Track:
 
     path: Path
     points: dict[float, Point] = field(default_factory=dict)
+    systems: dict[float, PeriodicSystem | None] = field(default_factory=dict)
+    faults: dict[float, str] = field(default_factory=dict)
+
+    def system(self, parameter: float) -> PeriodicSystem | None:
+        """The system at a parameter, nothing evaluated on it; None where the model has no answer."""
+        key = float(parameter)
+        if key not in self.systems:
+            try:
+                self.systems[key] = self.path(key)
+            except (ModelError, OutOfDomain) as fault:
+                self.systems[key], self.faults[key] = None, str(fault)
+        return self.systems[key]
 
     def point(self, parameter: float) -> Point:
         """The point at a parameter; a model without an answer there gives a point with its reason."""
         key = float(parameter)
         if key not in self.points:
-            try:
-                system = self.path(key)
-            except (ModelError, OutOfDomain) as fault:
-                self.points[key] = Point(None, np.empty(0, dtype=np.complex128), str(fault))
+            system = self.system(key)
+            if system is None:
+                self.points[key] = Point(None, np.empty(0, dtype=np.complex128), self.faults[key])
             else:
                 self.points[key] = Point(system, leading_exponents(system), "")
         return self.points[key]
@@ -128,13 +139,26 @@ def leading_exponents(system: PeriodicSystem) -> ComplexArray:
     >>> round(float(np.max(leading_exponents(mathieu).real)), 6)
     0.099536
     """
-    frequency = float(system.frequency)
-    A_0, A_cos, A_sin = scaled_coefficients(system.A_0, system.A_cos, system.A_sin)
-    plan = plan_for(A_0, A_cos, A_sin, frequency=frequency, tolerance=1e-14)
-    product = monodromy_over_depths(A_0, A_cos, A_sin, frequency=frequency, depths=np.ones(1), plan=plan)[0]
-    multipliers = np.linalg.eigvals(product).astype(np.complex128)
+    return np.asarray(exponents_of((system,))[0])
+
+
+def exponents_of(systems: Sequence[PeriodicSystem]) -> ComplexArray:
+    """Floquet exponents (B, n) 1/s of many systems of one size, as `leading_exponents` gives them.
+
+    Examples
+    --------
+    >>> A_1 = [[[0, 0], [-0.4, 0]]]
+    >>> pair = [PeriodicSystem.from_matrices([[0, 1], [-1, 0]], A_1, frequency=W) for W in (2.0, 2.5)]
+    >>> np.max(exponents_of(pair).real, axis=1).round(6) + 0.0
+    array([0.099536, 0.      ])
+    """
+    scaled = [scaled_coefficients(one.A_0, one.A_cos, one.A_sin) for one in systems]
+    A_0, A_cos, A_sin = (np.stack(parts) for parts in zip(*scaled, strict=True))
+    frequency = np.array([float(one.frequency) for one in systems])
+    products = monodromy_many(A_0, A_cos, A_sin, frequency=frequency).matrices[:, 0]
+    multipliers = np.linalg.eigvals(products).astype(np.complex128)
     small = np.abs(multipliers) < 1e-300
-    return np.asarray(np.log(np.where(small, 1e-300, multipliers)) * frequency / (2.0 * np.pi))
+    return np.asarray(np.log(np.where(small, 1e-300, multipliers)) * frequency[:, None] / (2.0 * np.pi))
 
 
 def find_crossings(track: Track, places: FloatArray, *, max_order: int) -> list[Crossing]:
@@ -171,7 +195,7 @@ def find_crossings(track: Track, places: FloatArray, *, max_order: int) -> list[
 
 
 def _frequencies(track: Track, parameter: float) -> FloatArray:
-    system = track.point(parameter).system
+    system = track.system(parameter)
     if system is None:
         return np.empty(0)
     s = np.linalg.eigvals(system.A_0)
@@ -179,7 +203,7 @@ def _frequencies(track: Track, parameter: float) -> FloatArray:
 
 
 def _passing(track: Track, parameter: float) -> float:
-    system = track.point(parameter).system
+    system = track.system(parameter)
     return float("nan") if system is None else float(system.frequency)
 
 
