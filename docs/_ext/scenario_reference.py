@@ -98,6 +98,8 @@ def title(name: str, record: Schema) -> str:
         return f"[[requirement]] quantity = {', '.join(values)}"
     for key in ("model", "law", "kind", "shape"):
         if key in properties and "const" in properties[key]:
+            if name.endswith("Source"):
+                return f'[[periodic.source]] {key} = "{properties[key]["const"]}"'
             table = {"law": "[option.control]", "kind": "[[option.sensor]]", "shape": "[forces.guideway]"}.get(
                 key, "[forces]" if name.endswith("Forces") else "[vehicle]"
             )

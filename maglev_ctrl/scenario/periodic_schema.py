@@ -53,7 +53,7 @@ class PitchSource(_SourceBase):
     """Coils or poles of the guideway: a ripple of the magnetic stiffness with their pitch."""
 
     kind: Literal["pitch"]
-    pitch: PositiveLength = Field(description="from coil to coil, or from pole to pole")
+    spacing: PositiveLength = Field(description="from coil to coil, or from pole to pole")
     ripple: PositiveRatio = Field(description="amplitude of the ripple, a fraction of the magnetic stiffness")
     harmonics: Many[Ratio] = Field((1.0,), min_length=1, max_length=20, description="relative size of its harmonics")
     basis: Literal["measured", "assumed"] = Field(description="where the ripple comes from; it is told in the report")

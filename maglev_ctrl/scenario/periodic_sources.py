@@ -218,7 +218,7 @@ def _made(name: str, source: SourceRecord, harmonics: int) -> Iterator[GuidewayS
             )  # fmt: skip
         case PitchSource():
             yield pitch_ripple(
-                name, pitch=source.pitch, ripple=source.ripple, harmonics=source.harmonics, offset=offset
+                name, pitch=source.spacing, ripple=source.ripple, harmonics=source.harmonics, offset=offset
             )  # fmt: skip
         case _ as never:
             assert_never(never)

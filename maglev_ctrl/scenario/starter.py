@@ -77,6 +77,7 @@ sweep.payload = { from = "0 t", to = "5 t", count = 3 }
 [periodic]                            # may be left out: no resonance map then
 wavelength = "25 m"                   # girder span: stiffness changes as the girders pass
 depth = 0.05                          # expected change, a fraction of the magnetic stiffness
+# or, in place of both, [[periodic.source]] tables: girders that sag, joints, segment profiles, coil pitch
 map = { speed = { from = "60 km/h", to = "450 km/h", count = 25 }, depth = { from = 0.0, to = 0.5, count = 25 } }
 
 # ------------------------------------------------------------------------------------------------- options

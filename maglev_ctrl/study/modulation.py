@@ -230,7 +230,7 @@ def _source_words(name: str, record: SourceRecord) -> str:
             which = " and ".join(key for key in ("heights", "gaps") if getattr(record, key))
             what = f"segments of {record.spacing:g} m with a profile of {which}"
         case PitchSource():
-            what = f"coils or poles every {record.pitch:g} m, {record.basis} ripple {_percent(record.ripple)}"
+            what = f"coils or poles every {record.spacing:g} m, {record.basis} ripple {_percent(record.ripple)}"
     return f"{name[:1].upper()}{name[1:].replace('_', ' ')}: {what}"
 
 
