@@ -134,7 +134,8 @@ def _name_faults(option: OptionRecord, here: Layout, *, path: KeyPath) -> Iterat
 def _effect_faults(option: OptionRecord, *, path: KeyPath) -> Iterator[Fault]:
     for index, spring in enumerate(option.spring_dampers):
         if spring.stiffness == 0.0 and spring.damping == 0.0:
-            yield Fault((*path, "spring_damper", index), "expected a stiffness or a damping other than zero")
+            here = (*path, "spring_damper", index)
+            yield Fault(here, "expected a stiffness or a damping other than zero", idle=True)
         if spring.damping < 0.0:
             yield Fault((*path, "spring_damper", index, "damping"), NEGATIVE_DAMPING)
 

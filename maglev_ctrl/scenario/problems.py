@@ -26,11 +26,15 @@ class Problem:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A fault whose position is not known yet; `at_key` asks for the key's position rather than the value's."""
+    """A fault whose position is not known yet; `at_key` asks for the key's position rather than the value's.
+
+    `idle`: a part that does nothing. In a file it is a slip of the pen, among the values of a range it is one end.
+    """
 
     path: KeyPath
     message: str
     at_key: bool = False
+    idle: bool = False
 
 
 class ScenarioProblems(ScenarioError):

@@ -33,8 +33,20 @@ SITUATION: Final = (SPEED, "height", "gap", "lateral_offset", "payload")
 
 _IDLE = (("format",), ("sources",), ("requirement",), ("operating", "sweep"), ("periodic", "map"))
 """Parts of a file that change no motion."""
+_OF_SOURCES = (("periodic", "source_harmonics"), ("periodic", "magnet_length"))
+_OF_PATTERN = (("periodic", "wavelength"), ("periodic", "depth"), ("periodic", "harmonics"))
+"""Parts of [periodic] that only one of the two ways of writing it has."""
 _ALIASES = {"periodic.depth": DEPTH, "periodic.wavelength": WAVELENGTH}
+_ABSENT = {
+    GAIN: "no option has a control law",
+    "gap": "no magnet faces a guidance wall",
+    "height": 'with hold = "strength" it follows from the magnets; vary operating.height, at which they are sized',
+    DEPTH: "it describes no periodic forces",
+    WAVELENGTH: "its periods are those of its sources, such as periodic.source[0].span",
+}
+"""Why a quantity that other scenarios have may be missing."""
 _BASE_UNITS = {"[mass]": "kg", "[length]": "m", "[time]": "s", "[current]": "A"}
+_NOT_FINITE = re.compile(r"\s*[+-]?(nan|inf|infinity)\b.*", re.IGNORECASE | re.DOTALL)
 _PLAIN = re.compile(r"\s*([+-]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?)\s*(%?)\s*")
 
 
@@ -78,6 +90,8 @@ class ScenarioQuantity:
         >>> ScenarioQuantity("speed", "speed", "m/s", 100.0, kind=ANY_SPEED).read("36 km/h")
         (10.0, False)
         """
+        if _NOT_FINITE.fullmatch(text):
+            raise ValueError(f'{self.name}: expected a finite number, got "{text.strip()}"')
         number = _PLAIN.fullmatch(text)
         bare = number is not None and not number[2]
         try:
@@ -128,8 +142,9 @@ def find_quantity(scenario: Scenario, name: str) -> ScenarioQuantity:
     known = {quantity.name: quantity for quantity in scenario_quantities(scenario)}
     found = known.get(_ALIASES.get(name, name))
     if found is None:
-        near = near_match(name, known) if len(known) < 8 else _near(name, known)
-        raise ValueError(f'unknown quantity "{name}"{near}; --list-quantities shows them all')
+        if name in _ABSENT:
+            raise ValueError(f"{name}: there is none in this scenario: {_ABSENT[name]}")
+        raise ValueError(f'unknown quantity "{name}"{_near(name, known)}; --list-quantities shows them all')
     if found.path[:1] == ("forces",) and isinstance(scenario.forces, EddyCurrentForces):
         raise ValueError(
             f"{name}: eddy-current forces would have to be solved anew at every value; vary a quantity outside [forces]"
@@ -202,10 +217,12 @@ def _running(scenario: Scenario) -> Iterator[ScenarioQuantity]:
 
 def _inside(scenario: Scenario, record: Record, names: KeyPath = (), path: KeyPath = ()) -> Iterator[ScenarioQuantity]:
     """Every number of a record and of those in it; `names` has items of lists by their name, `path` by position."""
+    sources = scenario.periodic is not None and bool(scenario.periodic.sources)
+    left_out = (*_IDLE, *(_OF_PATTERN if sources else _OF_SOURCES))
     for field, info in type(record).model_fields.items():
         key = info.alias or field
         here, place = (*names, key), (*path, key)
-        if any(place[: len(idle)] == idle for idle in _IDLE) or get_origin(info.annotation) is Literal:
+        if any(place[: len(part)] == part for part in left_out) or get_origin(info.annotation) is Literal:
             continue
         value: Any = getattr(record, field)
         if isinstance(value, Record):

@@ -53,7 +53,8 @@ def load(path: str | Path) -> Scenario:
 def with_values(scenario: Scenario, values: Mapping[KeyPath, object]) -> Scenario:
     """The scenario with values of its file replaced, as they would be written there, and checked again as a whole.
 
-    Data files are not read again and solved forces are kept. Its hash is not that of a file that says the same.
+    Parts that do nothing are allowed. Data files are not read again and solved forces are kept. Its hash is not that of
+    a file that says the same.
 
     Raises
     ------
@@ -100,7 +101,7 @@ def _checked(data: dict[str, Any], file: Path, text: str, *, shown: str, read: O
         scenario = Scenario.model_validate(data)
     except ValidationError as error:
         raise _placed(shown, text, faults_of(error, data)) from None
-    faults = faults_in(scenario)
+    faults = [fault for fault in faults_in(scenario) if read is None or not fault.idle]
     content, samples = (b"", None) if read is None else (read.hash.encode(), read.force_samples)
     elsewhere: list[Problem] = []
     if isinstance(scenario.forces, TableForces) and samples is None:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from maglev_ctrl.analysis.floquet_margins import FloquetMargins
-from maglev_ctrl.analysis.plane_records import NO_ANSWER, UNRESOLVED, MapStore, StabilityPlane
+from maglev_ctrl.analysis.plane_records import NO_ANSWER, UNRESOLVED, MapStore, PeriodicFamily, StabilityPlane
 from maglev_ctrl.analysis.stability_plane import stability_plane
 from maglev_ctrl.analysis.tongue_atlas import TongueAtlas, tongue_atlas
 from maglev_ctrl.analysis.tongue_table import TongueRow, tongue_table
@@ -23,8 +23,10 @@ from maglev_ctrl.study.map.family import OptionFamily
 from maglev_ctrl.study.map.records import OptionMap, PeriodicLawStudy
 from maglev_ctrl.study.map.request import MapRequest
 from maglev_ctrl.study.modulation import depth_of
+from maglev_ctrl.study.periodic_law import periodic_law_study
 from maglev_ctrl.study.situation import OptionModel
 from maglev_ctrl.synthesis.design import Design
+from maglev_ctrl.systems import PeriodicSystem
 
 Tell = Callable[[str, float], None]
 FAULTS = (MaglevError, ValueError, np.linalg.LinAlgError)
@@ -32,7 +34,7 @@ MERGED = (
     "Delay and bandwidth of every actuator are merged into one lag on the map and in the tongues, as in the report; "
     "the margins are those of the full model."
 )
-_PLANE = 0.7
+PLANE_SHARE = 0.7
 """Share of an option's progress that its plane takes."""
 
 
@@ -97,20 +99,21 @@ def _mapped(
     plane = stability_plane(
         family, request.x.axis(), request.y.axis(), coverage=request.coverage, threads=threads,
         backend=request.backend, states=family.nominal().states, store=store,
-        progress=lambda what, fraction: tell(f"{blank.label}: {what}", _PLANE * fraction),
+        progress=lambda what, fraction: tell(f"{blank.label}: {what}", PLANE_SHARE * fraction),
     )  # fmt: skip
-    tell(f"{blank.label}: tongues", _PLANE)
+    tell(f"{blank.label}: tongues", PLANE_SHARE)
     depth = depth_of(scenario)
     tongues, tongue_note = _tongues(family, scenario, request, depth)
     tell(f"{blank.label}: speed ranges", 0.8)
     atlas, atlas_reason = _atlas(family, request, depth)
     tell(f"{blank.label}: margins", 0.85)
     margins, margins_reason = _margins(model, family, scenario)
-    law = None
+    law, law_note = None, ""
     if request.periodic_law:
         tell(f"{blank.label}: periodic law", 0.9)
-        law = _periodic_law(family, request, design, threads)
-    notes = (MERGED if family.merged else "", *_plane_notes(plane), tongue_note, *(design.notes if design else ()))
+        law, law_note = _periodic_law(model, request, design, threads)
+    notes = (MERGED if family.merged else "", *_plane_notes(plane), tongue_note, law_note,
+             *(design.notes if design else ()))  # fmt: skip
     return replace(
         blank, plane=plane, tongues=tongues, atlas=atlas, atlas_reason=atlas_reason, margins=margins,
         margins_reason=margins_reason, law=law, notes=tuple(note for note in notes if note),
@@ -164,9 +167,24 @@ def _margins(model: OptionModel, family: OptionFamily, scenario: Scenario) -> tu
 
 
 def _periodic_law(
-    family: OptionFamily, request: MapRequest, design: Design | None, threads: int
-) -> PeriodicLawStudy | None:
-    return None
+    model: OptionModel, request: MapRequest, design: Design | None, threads: int
+) -> tuple[PeriodicLawStudy | None, str]:
+    """The periodic law with its map over speed and depth, and what there is to say of it."""
+    names = tuple(one.quantity.name for one in request.axes)
+    if set(names) != {SPEED, DEPTH}:
+        found, reason = periodic_law_study(model, design)
+        return found, reason or "The map of the periodic law is drawn over speed and depth only."
+
+    def draw(family: PeriodicFamily) -> StabilityPlane:
+        def turned(x: float, y: float) -> PeriodicSystem:
+            return family(x, y) if names == (SPEED, DEPTH) else family(y, x)
+
+        return stability_plane(
+            turned, request.x.axis(), request.y.axis(), coverage=request.coverage, threads=threads,
+            backend=request.backend,
+        )  # fmt: skip
+
+    return periodic_law_study(model, design, draw=draw)
 
 
 def _plane_notes(plane: StabilityPlane) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from maglev_ctrl.scenario import Scenario
 from maglev_ctrl.scenario.quantity_paths import DEPTH
 from maglev_ctrl.study.eddy_current import solve_forces
 from maglev_ctrl.study.map.family import OptionFamily
-from maglev_ctrl.study.map.option import designed, option_map, unmapped
+from maglev_ctrl.study.map.option import PLANE_SHARE, designed, option_map, unmapped
 from maglev_ctrl.study.map.records import MapQuantity, MapStudy, OptionMap
 from maglev_ctrl.study.map.request import AxisRange, MapRequest
 from maglev_ctrl.study.map.store import FolderStore, MapFolder
@@ -66,7 +66,7 @@ def survey_map(
     """
     if jobs < 1:
         raise ValueError(f"jobs: expected one or more, got {jobs}")
-    started, tell = time.perf_counter(), progress or (lambda what, fraction: None)
+    started, tell = time.perf_counter(), _rising(progress or (lambda what, fraction: None))
     radius_engine(request.backend)  # what is not installed is told before anything is computed
     scenario, tell = with_forces(scenario, jobs, tell)
     modulation = modulation_of(scenario)
@@ -108,6 +108,19 @@ def survey_estimate(scenario: Scenario, request: MapRequest, *, jobs: int = 1) -
     return replace(one, seconds=one.seconds * count / shared_by, bytes=one.bytes * count, points=one.points * count)
 
 
+def _rising(tell: Progress) -> Progress:
+    """Progress that never runs backwards; processes and this one may tell of it together."""
+    lock, reached = threading.Lock(), 0.0
+
+    def told(what: str, fraction: float) -> None:
+        nonlocal reached
+        with lock:
+            reached = max(reached, fraction)
+            tell(what, reached)
+
+    return told
+
+
 def _serial(
     scenario: Scenario, request: MapRequest, threads: int, kept: MapFolder | None, tell: Progress
 ) -> tuple[OptionMap, ...]:
@@ -127,7 +140,7 @@ def _noting(store: FolderStore | None, tell: Progress, position: int, count: int
 
     def told(what: str, fraction: float) -> None:
         if store is not None:
-            store.reach(fraction)
+            store.reach(min(fraction, PLANE_SHARE))  # what follows the plane is not kept
         tell(what, (position + fraction) / count)
 
     return told
@@ -172,10 +185,10 @@ def _watched(kept: MapFolder | None, names: tuple[str, ...], tell: Progress) -> 
     if kept is None:
         yield
         return
-    over, last = threading.Event(), 0.0
+    over = threading.Event()
 
     def watch() -> None:
-        nonlocal last
+        last = 0.0
         while not over.wait(_LOOK):
             reached = kept.reached()
             if reached >= last + 0.01:
