@@ -33,7 +33,7 @@ SLACK: Final = 1.0 + 1e-12  # for the rounding of norms and bounds, n^2 unit rou
 ACCURACY: Final = 2e-11  # estimated relative error below which a modulus is sure (the promise is 1e-10)
 CHECKS: Final = (4, 6, 8, 10, 12, 14, 17, 20)  # squarings after which the moduli are tried
 LAST_SQUARING: Final = 40  # 2^40 periods: closer to the threshold than 1e-11 nothing is decided
-_SAFETY = 2.0
+SAFETY: Final = 2.0  # on the first-order rounding estimate of a modulus
 _CHUNK_ENTRIES = 1 << 16  # matrix entries worked on at once: half a mebibyte per array
 
 
@@ -135,7 +135,7 @@ def verified_modulus(
     level = xp.arange(squarings + 1.0)[:, None]
     loss = xp.sum(xp.exp2(history - level - 2.0**level * logarithm), axis=0)
     truncation = _norm(xp, rest) / largest**3
-    rounding = _SAFETY * n * ROUNDING * (1.0 / largest**2 + count * loss / largest)
+    rounding = SAFETY * n * ROUNDING * (1.0 / largest**2 + count * loss / largest)
     error = truncation + rounding
     apart = xp.maximum(xp.sqrt(xp.abs(distance)) / largest, xp.sqrt(error))
     # of a pair known to be complex the product alone counts; its error does not grow as the two meet
