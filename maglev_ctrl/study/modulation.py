@@ -151,13 +151,13 @@ def describe_periodicity(scenario: Scenario) -> tuple[str, ...]:
     pattern, names = found.pattern, source_names(periodic)
     records = dict(zip(names, periodic.sources, strict=True))
     lines = [_share_words(one, _record_of(one.source.name, records), pattern) for one in found.shares]
-    for one in pattern.left_out:
-        longest = max(pattern.sources, key=lambda source: source.period)
-        lines.append(
-            f'Left out: "{one.name}", period {one.period:g} m. It has no small whole-number ratio to {longest.name} '
-            f"({longest.period:g} m), and Floquet theory needs one period; the slower source is kept. A map of "
-            f"{one.name} by itself: remove {longest.name}."
-        )
+    slower = max(pattern.sources, key=lambda source: source.period)
+    lines += [
+        f'Left out: "{one.name}", period {one.period:g} m, the faster source; kept is "{slower.name}", '
+        f"{slower.period:g} m. {reason[:1].upper()}{reason[1:].partition(';')[0]}. For a map of {one.name} by itself "
+        f"remove {slower.name}."
+        for one, reason in zip(pattern.left_out, pattern.reasons, strict=True)
+    ]
     cycles = ", ".join(
         f"{one.name} {count} times" for one, count in zip(pattern.sources, pattern.cycles, strict=True)
     )  # fmt: skip

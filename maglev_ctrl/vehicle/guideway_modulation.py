@@ -48,8 +48,9 @@ OnIncommensurate = Literal["refuse", "slower"]
 class GuidewayPattern:
     """Sources of a guideway with one period in common.
 
-    `wavelength` m of the common period; `sources` with as many `cycles` each in it; `left_out`: sources whose period
-    has no whole-number ratio to it. `harmonics` are kept of each source, averaged over the `magnet_length` m.
+    `wavelength` m of the common period; `sources` with as many `cycles` each in it; `left_out`: sources without a
+    common period with the slower ones, and `reasons` why. `harmonics` are kept of each source, averaged over the
+    `magnet_length` m.
     """
 
     wavelength: float
@@ -58,6 +59,7 @@ class GuidewayPattern:
     cycles: tuple[int, ...]
     harmonics: int
     left_out: tuple[GuidewaySource, ...] = ()
+    reasons: tuple[str, ...] = ()
     magnet_length: float = 0.0
 
     @property
@@ -122,7 +124,9 @@ def guideway_pattern(
     if not (np.isfinite(magnet_length) and magnet_length >= 0.0):
         raise ValueError(f"magnet_length: expected a length that is not negative, got {magnet_length}")
     ordered = sorted(sources, key=lambda one: -one.period)
-    total, kept, left_out = ordered[0].period, [(ordered[0], 1)], []
+    total, kept = ordered[0].period, [(ordered[0], 1)]
+    left_out: list[GuidewaySource] = []
+    reasons: list[str] = []
     for source in ordered[1:]:
         try:
             found = common_period(total, source.period)
@@ -130,12 +134,13 @@ def guideway_pattern(
             if harmonics * max(number for _, number in cycles) > HARMONICS_AT_MOST:
                 raise ValueError(
                     f"the common period of {found.wavelength:g} m takes {harmonics * max(n for _, n in cycles)} "
-                    f"harmonics, above {HARMONICS_AT_MOST}; keep fewer harmonics, or the slower source alone"
+                    f"harmonics, above {HARMONICS_AT_MOST}; keep fewer harmonics, or treat the slower source alone"
                 )
         except ValueError as fault:
             if on_incommensurate == "refuse":
                 raise ValueError(f"{ordered[0].name} and {source.name}: {fault}") from None
             left_out.append(source)
+            reasons.append(str(fault))
             continue
         # The longest source fixes the common length: what a tolerated mismatch rounds is the faster one.
         total, kept = kept[0][0].period * cycles[0][1], cycles
@@ -143,7 +148,7 @@ def guideway_pattern(
     kept.sort(key=lambda pair: order[id(pair[0])])
     return GuidewayPattern(
         total, sources=tuple(one for one, _ in kept), cycles=tuple(number for _, number in kept),
-        harmonics=harmonics, left_out=tuple(left_out), magnet_length=magnet_length,
+        harmonics=harmonics, left_out=tuple(left_out), reasons=tuple(reasons), magnet_length=magnet_length,
     )  # fmt: skip
 
 

@@ -138,8 +138,14 @@ def test_what_has_no_common_period_is_refused_or_told(small_scenario: Small, sma
     kept = small_scenario(text_with(small_text, GIRDER, odd, more='on_incommensurate = "slower"'))
     lines = describe_periodicity(kept)
     assert lines[1].startswith(
-        'Left out: "coils", period 0.4501 m. It has no small whole-number ratio to girder (25 m)'
+        'Left out: "coils", period 0.4501 m, the faster source; kept is "girder", 25 m. Wavelengths 25 m and 0.4501 m '
+        "have no common period: their ratio "
     )
+    assert lines[1].endswith("For a map of coils by itself remove girder.")
+    many = COILS.replace("0.45 m", "2.5 m")
+    more = 'source_harmonics = 10\non_incommensurate = "slower"'
+    crowded = describe_periodicity(small_scenario(text_with(small_text, GIRDER, many, more=more)))
+    assert "The common period of 25 m takes 100 harmonics, above 60. For a map of pitch" in crowded[1]
     alone = small_scenario(text_with(small_text, GIRDER))
     assert wavelength_of(kept) == 25.0 and depth_of(kept) == depth_of(alone)
 
@@ -220,9 +226,10 @@ def test_measured_coefficients_take_no_heights(tmp_path: Path) -> None:
     table += "{ from = 0.0, to = 0.1, count = 3 } }\n"
     coefficients = tmp_path / "six.toml"
     coefficients.write_text(f"{text}\n{table % GIRDER}", encoding="utf-8")
-    if load(ROOT / "scenarios/paper/six_dof.toml").forces.model == "coefficients":
-        with pytest.raises(ScenarioError, match="measured coefficients do not tell how the stiffness changes"):
-            load(coefficients)
+    with pytest.raises(ScenarioError, match="measured coefficients do not tell how the stiffness changes"):
+        load(coefficients)
+    coefficients.write_text(f"{text}\n{table % JOINT}", encoding="utf-8")
+    assert depth_of(load(coefficients)) == pytest.approx(2 * np.sin(np.pi * 0.0016) / np.pi / (1 - 0.0016), rel=1e-12)
 
 
 def test_names_and_order_are_those_of_the_file(small_scenario: Small, small_text: str) -> None:
