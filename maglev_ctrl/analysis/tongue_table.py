@@ -172,6 +172,12 @@ class _Tongue:
         return max(map(abs, self.theory.decay)) == 0.0
 
     @property
+    def foreseen(self) -> bool:
+        """Whether the order is one that second-order theory speaks of."""
+        system = self.base.system(self.crossing.at)
+        return system is None or self.crossing.order <= 2 * len(system.A_cos)
+
+    @property
     def floor(self) -> float:
         """Growth that counts as none, 1/s: what rounding can feign where there is no damping."""
         system = self.base.system(self.crossing.at)
@@ -218,10 +224,11 @@ class _Tongue:
             half *= (a + b) / (2.0 * np.sqrt(a * b)) if a * b > 0.0 else 1.0
             low, high = self.limits
             middle = float(np.clip(centre, low, high))
+            half = half if self.foreseen else max(abs(centre - self.crossing.at), 0.01 * middle)
             reach = float(np.clip(_WINDOWS * half, _LEAST * middle, 0.25 * middle))
             self.windows[depth] = pair_window(
                 lambda speeds: self.pairs(speeds, depth), middle, reach,
-                limits=(max(low, 0.5 * middle), min(high, 1.5 * middle)), floor=self.floor,
+                limits=(max(low, 0.3 * middle), min(high, 2.0 * middle)), floor=self.floor,
             )  # fmt: skip
         return self.windows[depth]
 
@@ -264,10 +271,11 @@ def _row(tongue: _Tongue, elements: Elements | None, removals: bool) -> TongueRo
 def _onset(tongue: _Tongue, predicted: float) -> tuple[float, str]:
     """Smallest unstable depth over speed, verified by both engines, and why it is not known."""
     largest, nan = tongue.largest_depth, float("nan")
-    if not np.isfinite(predicted) and not _seen(tongue):
+    if not np.isfinite(predicted) and tongue.foreseen and not _seen(tongue):
         return float("inf"), ""
     if tongue.undamped:
-        return 0.0, ""
+        there = tongue.foreseen or tongue.peak(largest) > 0.0
+        return (0.0 if there else float("inf")), ""
     high = min(1.02 * predicted, largest)
     while tongue.peak(high) <= 0.0:
         if high >= largest:
