@@ -39,7 +39,7 @@ def system(*, depth: float = DEPTH, gain: float = 1.0, speed: float = SPEED) -> 
     return PeriodicSystem.from_matrices(A_0, wave, frequency=2.0 * np.pi * speed / WAVELENGTH)
 
 
-def plane(*, count: tuple[int, int] = (120, 60), gain: float = 1.0, spoiled: bool = False) -> StabilityPlane:
+def plane(*, count: tuple[int, int] = (64, 32), gain: float = 1.0, spoiled: bool = False) -> StabilityPlane:
     """The map over speed and depth; `spoiled` has a part that is unresolved and one without an answer."""
     found = stability_plane(
         lambda v, depth: system(depth=depth, gain=gain, speed=v),
@@ -95,9 +95,9 @@ def map_study() -> MapStudy:
     first, damped = plane(), plane(gain=1.35, spoiled=True)
     bare = OptionMap(
         "bare", "Bare vehicle", "passive", ("Two modes, no controller.",), "", first, tongues(),
-        tongue_atlas(lambda v: system(speed=v), lower=20.0, upper=115.0, samples=60, checks=8), "",
+        tongue_atlas(lambda v: system(speed=v), lower=20.0, upper=115.0, samples=48, checks=6), "",
         floquet_margins(lambda **at: system(**at), depth=DEPTH, speed=SPEED, largest_depth=0.6,
-                        speed_limits=(20.0, 115.0), samples=24), "",
+                        speed_limits=(20.0, 115.0), samples=16), "",
         None, (), 1.5,
     )  # fmt: skip
     second = OptionMap(

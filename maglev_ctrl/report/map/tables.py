@@ -13,7 +13,7 @@ from maglev_ctrl.errors import Agreement
 from maglev_ctrl.report.charts_periodic import short_words
 from maglev_ctrl.report.map.words import VERDICTS, bound_sentence, margin_words, span_words
 from maglev_ctrl.report.model import Table, row
-from maglev_ctrl.report.style import ABSENT, number
+from maglev_ctrl.report.style import ABSENT, MINUS, number
 from maglev_ctrl.study.map.records import OptionMap
 from maglev_ctrl.synthesis.periodic_constant import PeriodicComparison
 
@@ -56,8 +56,7 @@ def difference_words(one: TongueRow) -> str:
         return ABSENT
     if computed == 0.0 or first == 0.0:
         return "both 0" if first == computed else ("first order only" if first else "computed only")
-    share = 100.0 * (first - computed) / computed
-    return ("+" if share > 0 else "") + number(share, "%", digits=2)
+    return f"{100.0 * (first - computed) / computed:+.1f} %".replace("-", MINUS)
 
 
 def cure_table(option: OptionMap) -> Table:
@@ -146,8 +145,6 @@ def _margin_cells(one: PeriodicMargin | None, scale: float, unit: str) -> tuple[
 def bracket_words(one: PeriodicMargin, scale: float, unit: str) -> str:
     """The bracket as the middle with half its width as error; the one known end where there is only one.
 
-    Examples
-    --------
     The digits of the value end where its error begins, as in "12.3401 ± 0.0002 %".
     """
     safe, unsafe = one.safe * scale, one.unsafe * scale
@@ -159,8 +156,11 @@ def bracket_words(one: PeriodicMargin, scale: float, unit: str) -> str:
     middle, half = 0.5 * (safe + unsafe), 0.5 * abs(unsafe - safe)
     if half == 0.0:
         return number(middle, unit, digits=6)
-    decimals = max(0, -math.floor(math.log10(half)))
-    return f"{middle:.{decimals}f} ± {half:.{decimals}f} {unit}".rstrip()
+    decimals = max(0, -math.floor(math.log10(half) + 1e-9))
+    shown, step = round(middle, decimals), 10.0**-decimals
+    reach = max(abs(shown - safe), abs(shown - unsafe))  # from the rounded middle: what is told holds the bracket
+    error = math.ceil(reach / step - 1e-6) * step
+    return f"{shown:.{decimals}f} ± {error:.{decimals}f} {unit}".replace("-", MINUS).rstrip()
 
 
 def law_table(option: OptionMap, found: PeriodicComparison) -> Table:

@@ -1,0 +1,477 @@
+"""The map report: nothing unstable or undecided gets lost on the way to page, picture and files."""
+
+from __future__ import annotations
+
+import csv
+import importlib.util
+import io
+import json
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from maglev_ctrl.analysis.first_instability import PeriodicMargin
+from maglev_ctrl.analysis.plane_records import NO_ANSWER, STABLE, UNRESOLVED, UNSTABLE, MapAxis, StabilityPlane
+from maglev_ctrl.analysis.resonance import NO_RESONANCE, make_resonance
+from maglev_ctrl.errors import Agreement
+from maglev_ctrl.report.chart import Bars, Cells, Chart, Heat, Line, Note
+from maglev_ctrl.report.interactive import interactive
+from maglev_ctrl.report.labels import Anchor, Room, placed
+from maglev_ctrl.report.map import picture as picture_module
+from maglev_ctrl.report.map import write_map
+from maglev_ctrl.report.map.atlas_chart import atlas_chart, bands_panel
+from maglev_ctrl.report.map.chart import map_chart, pair_chart, share_words
+from maglev_ctrl.report.map.content import comparison_table, map_model, speed_unit
+from maglev_ctrl.report.map.data import json_text, ranges_csv, to_dataset
+from maglev_ctrl.report.map.picture import MOST_COLUMNS, MOST_ROWS, boundary, picture, region_anchors
+from maglev_ctrl.report.map.tables import bracket_words, difference_words, place_table, removal_words
+from maglev_ctrl.report.map.words import critical_depth_words, margin_words, percent, span_words
+from maglev_ctrl.report.model import FigureBlock, Report, Table
+from maglev_ctrl.report.raster import even_cells, rectangles
+from maglev_ctrl.report.style import ABSENT, MINUS
+from maglev_ctrl.report.vector import svg
+from maglev_ctrl.study.map.records import MapStudy, OptionMap, PeriodicLawStudy
+
+FILES = ("map.html", "map.pdf", "map.nc", "map.json", "ranges.csv")
+
+
+@pytest.fixture(scope="module")
+def study() -> MapStudy:
+    spec = importlib.util.spec_from_file_location("map_fixture", Path(__file__).with_name("map_fixture.py"))
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    made = module.map_study()
+    assert isinstance(made, MapStudy)
+    return made
+
+
+@pytest.fixture(scope="module")
+def written(study: MapStudy, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("map")
+    (folder / "mine.txt").write_text("kept")
+    assert write_map(study, folder) == tuple(folder / name for name in FILES)
+    return folder
+
+
+def flat_plane(shape: tuple[int, int], *, state: int = STABLE, growth: float = -1.0) -> StabilityPlane:
+    """A map that is the same everywhere."""
+    return StabilityPlane(
+        x=MapAxis("speed", np.linspace(10.0, 110.0, shape[0]), reciprocal=True),
+        y=MapAxis("depth", np.linspace(0.0, 0.5, shape[1]), linear=True),
+        growth=np.full(shape, growth), growth_error=np.full(shape, 1e-9), state=np.full(shape, state, dtype=np.int8),
+        interpolated=np.zeros(shape, dtype=bool), tongue_index=np.full(shape, -1, dtype=np.int16), tongues=(),
+        checked=np.zeros((0, 2), dtype=np.int64), check_difference=np.zeros(0), faults=(), evaluated=shape[0],
+        integrated=1, missed_width=np.nan, method="none",
+    )  # fmt: skip
+
+
+def on(study: MapStudy, plane: StabilityPlane) -> tuple[OptionMap, Any, Any]:
+    """An option with this map, and axes that fit it."""
+    x, y = replace(study.x, values=plane.x.values), replace(study.y, values=plane.y.values)
+    return replace(study.options[0], plane=plane), x, y
+
+
+def marked(plane: StabilityPlane, place: tuple[Any, Any], state: int, growth: float) -> StabilityPlane:
+    """The map with another state at one place."""
+    states, rates, index = np.array(plane.state), np.array(plane.growth), np.array(plane.tongue_index)
+    states[place], rates[place] = state, growth
+    index[states == UNSTABLE] = 0
+    tongue = make_resonance("sum", 2, (1, 2), ("heave", "pitch"), frequency=5.0)
+    return replace(plane, state=states, growth=rates, tongue_index=index, tongues=(tongue,))
+
+
+def items_of(chart: Chart, kind: type) -> list[Any]:
+    return [item for panel in chart.panels for item in panel.items if isinstance(item, kind)]
+
+
+def texts(chart: Chart) -> set[str]:
+    return {note.text for note in items_of(chart, Note)}
+
+
+def tables(report: Report) -> list[Table]:
+    return [block for section in report.sections for block in section.blocks if isinstance(block, Table)]
+
+
+# --- the picture ------------------------------------------------------------------------------------------------------
+
+
+def thin_tongue_is_shown(plane: StabilityPlane, column: int) -> bool:
+    """Whether a tongue of one column stands in the picture, in the right place, with its growth and its name."""
+    shown = picture(plane)
+    place = int(np.abs(shown.x - plane.x.values[column]).argmin())
+    seen = shown.state[:, place] == UNSTABLE
+    named = [one.text for one in region_anchors(shown, plane)] == ["(w1 + w2)/2"]
+    return bool(seen[-1] and not seen[0] and float(np.nanmax(shown.growth)) == 0.25 and named)
+
+
+def huge(column: int) -> StabilityPlane:
+    return marked(flat_plane((2000, 2000)), (column, slice(900, None)), UNSTABLE, 0.25)
+
+
+def test_a_huge_map_keeps_a_tongue_of_one_column() -> None:
+    for column in (777, 1203):
+        plane = huge(column)
+        assert picture(plane).state.shape == (MOST_ROWS, MOST_COLUMNS)
+        assert thin_tongue_is_shown(plane, column)
+
+
+def test_a_picture_of_nearest_points_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
+    def nearest(priority: Any, columns: Any, rows: Any) -> Any:
+        flat = np.arange(priority.size).reshape(priority.shape)
+        return flat[np.ix_([c[0] for c in columns], [r[0] for r in rows])].T
+
+    monkeypatch.setattr(picture_module, "worst_members", nearest)
+    assert not thin_tongue_is_shown(huge(777), 777)
+
+
+def undecided_is_shown(plane: StabilityPlane) -> bool:
+    return int(np.sum(picture(plane).state == UNRESOLVED)) == 1
+
+
+def test_one_undecided_point_of_many_is_not_told_stable() -> None:
+    assert undecided_is_shown(marked(flat_plane((1500, 700)), (901, 333), UNRESOLVED, -5.0))
+
+
+def test_undecided_ranked_below_stable_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
+    wrong = {STABLE: 1, NO_ANSWER: 2, UNRESOLVED: 0, UNSTABLE: 3}
+    monkeypatch.setattr(picture_module, "_RANK", wrong)
+    assert not undecided_is_shown(marked(flat_plane((1500, 700)), (901, 333), UNRESOLVED, -5.0))
+
+
+def test_a_small_map_is_shown_point_by_point(study: MapStudy) -> None:
+    plane = study.options[1].plane
+    assert plane is not None
+    shown = picture(plane)
+    assert np.array_equal(shown.state, plane.state.T) and np.array_equal(shown.growth, plane.growth.T, equal_nan=True)
+    assert not shown.gathered
+
+
+def test_uneven_values_all_have_a_cell() -> None:
+    values = np.concatenate([np.linspace(0.0, 1.0, 300), np.geomspace(1.01, 100.0, 300)])
+    centres, members = even_cells(values, most=120)
+    assert len(centres) == 120 and set(np.concatenate(members).tolist()) == set(range(600))
+
+
+def test_rectangles_cover_exactly_the_marked_cells() -> None:
+    mask = np.random.default_rng(3).random((17, 23)) < 0.4
+    x, y = np.arange(23.0), np.arange(17.0)
+    area = sum((right - left) * (high - low) for left, right, low, high in rectangles(x, y, mask))
+    assert area == pytest.approx(mask.sum(), abs=1e-9)
+
+
+def test_the_boundary_separates_what_the_states_separate() -> None:
+    plane = marked(flat_plane((30, 20)), (slice(10, 20), slice(5, None)), UNSTABLE, 0.5)
+    x, y = boundary(picture(plane))
+    step = float(plane.x.values[1] - plane.x.values[0])
+    assert np.nanmin(x) > plane.x.values[9] and np.nanmax(x) < plane.x.values[20]
+    assert np.nanmax(x) - np.nanmin(x) == pytest.approx(9 * step + 2 * step / 1.5 / 2, abs=step)
+    assert np.nanmin(y) > plane.y.values[4]
+
+
+def test_nothing_is_drawn_around_what_is_not_decided() -> None:
+    plane = marked(flat_plane((30, 20)), (slice(10, 20), slice(5, 9)), UNRESOLVED, 0.5)
+    assert boundary(picture(plane))[0].size == 0
+
+
+# --- names ------------------------------------------------------------------------------------------------------------
+
+
+def test_names_stand_clear_of_each_other_and_of_narrow_regions() -> None:
+    busy = np.zeros((80, 120), dtype=bool)
+    columns = (20, 24, 28, 90)
+    for column in columns:
+        busy[30:, column] = True
+    room = Room((0.0, 120.0), (0.0, 80.0), (5.2, 3.4), busy)
+    anchors = [Anchor(c + 0.5, 70.0, "(w1 + w2)/2", (c + 0.5, 30.5)) for c in columns]
+    items, left_out = placed(anchors, room)
+    notes = [item for item in items if isinstance(item, Note)]
+    assert len(notes) == 4 and left_out == 0
+    half = (0.5 * (0.6 * 8.0 / 72.0 * 11 + 0.09) / 5.2 * 120.0, 0.5 * 1.75 * 8.0 / 72.0 / 3.4 * 80.0)
+    for k, one in enumerate(notes):
+        low, left = int(one.y - half[1]), int(one.x - half[0])
+        assert not busy[max(low, 0) : int(one.y + half[1]), max(left, 0) : int(one.x + half[0])].any()
+        assert all(abs(one.x - b.x) >= 2 * half[0] or abs(one.y - b.y) >= 2 * half[1] for b in notes[k + 1 :])
+
+
+def test_every_region_of_the_map_is_named(study: MapStudy) -> None:
+    option = study.options[0]
+    assert option.plane is not None
+    found = texts(map_chart(option, option.plane, study.x, study.y))
+    assert {"2 w1", "2 w2", "w1 + w2", "none"} <= found
+
+
+# --- the figures ------------------------------------------------------------------------------------------------------
+
+
+def test_growth_and_decay_have_colours_of_their_own(study: MapStudy) -> None:
+    option = study.options[1]
+    assert option.plane is not None
+    chart = map_chart(option, option.plane, study.x, study.y)
+    growth, decay = items_of(chart, Heat)
+    assert (growth.colours, decay.colours) == ("growth", "decay")
+    assert np.nanmin(growth.z) > 0.0 and np.nanmin(decay.z) > 0.0
+    shown = picture(option.plane)
+    assert np.array_equal(np.isfinite(growth.z), shown.state == UNSTABLE)
+    assert np.array_equal(np.isfinite(decay.z), shown.state == STABLE)
+    marks = {cells.label: cells for cells in items_of(chart, Cells)}
+    assert np.array_equal(marks["UNRESOLVED"].mask, shown.state == UNRESOLVED) and marks["UNRESOLVED"].hatched
+    assert np.array_equal(marks["no answer"].mask, shown.state == NO_ANSWER)
+    assert "the magnets touch at 21.6 m/s" in chart.caption and "does not count as stable" in chart.caption
+
+
+@pytest.mark.parametrize(
+    ("state", "growth"), [(UNSTABLE, np.nan), (STABLE, np.nan), (NO_ANSWER, np.nan), (UNRESOLVED, np.nan),
+                          (UNSTABLE, 0.3), (STABLE, -0.3), (STABLE, 0.0)],
+)  # fmt: skip
+def test_maps_of_one_kind_are_drawn_and_no_cell_stays_blank(study: MapStudy, state: int, growth: float) -> None:
+    option, x, y = on(study, flat_plane((12, 9), state=state, growth=growth))
+    assert option.plane is not None
+    chart = map_chart(option, option.plane, x, y)
+    covered = np.zeros((9, 12), dtype=bool)
+    for item in items_of(chart, Heat):
+        covered |= np.isfinite(item.z)
+    for item in items_of(chart, Cells):
+        covered |= item.mask
+    assert covered.all()
+    assert svg(chart).startswith("<svg") and "NaN" not in json.dumps(interactive(chart))
+
+
+def test_maps_of_one_row_or_column_are_drawn(study: MapStudy) -> None:
+    for shape in ((1, 5), (6, 1), (1, 1)):
+        option, x, y = on(study, flat_plane(shape))
+        assert option.plane is not None
+        assert svg(map_chart(option, option.plane, x, y)).startswith("<svg")
+
+
+def test_two_laws_share_their_colours(study: MapStudy) -> None:
+    option = study.options[1]
+    assert option.plane is not None and option.law is not None and option.law.plane is not None
+    chart = pair_chart(option, (("constant", option.plane), ("periodic", option.law.plane)), study.x, study.y)
+    highs = [item.high for item in items_of(chart, Heat) if item.colours == "growth"]
+    assert len(chart.panels) == 2 and len(set(highs)) == 1
+    assert ", 0 % UNRESOLVED" not in chart.caption and "UNRESOLVED" in chart.caption
+
+
+def test_bands_of_the_atlas_show_the_narrowest_no_go_range(study: MapStudy) -> None:
+    atlas = study.options[0].atlas
+    assert atlas is not None
+    bad = atlas.of("no-go")[0]
+    narrow = replace(atlas, ranges=(replace(bad, upper=bad.lower + 1e-6), *atlas.of("go")))
+    speed, limits = speed_unit(study), (72.0, 414.0)
+    drawn = {item.label: item for item in bands_panel(narrow, speed, limits).items if isinstance(item, Bars)}
+    assert drawn["no go"].length[0] >= 0.003 * (limits[1] - limits[0]) and drawn["no go"].hatched
+    middle = float(drawn["no go"].start[0] + drawn["no go"].length[0] / 2)
+    assert middle == pytest.approx(3.6 * bad.lower, abs=1e-3)
+
+
+def test_the_atlas_names_what_grows(study: MapStudy) -> None:
+    option = study.options[0]
+    assert option.atlas is not None
+    chart = atlas_chart(option, option.atlas, speed_unit(study))
+    grows = {one.resonance.name for one in option.atlas.crossings if one.growth > 0.0}
+    assert grows and {"2 w1", "2 w2"} <= texts(chart)
+    assert any(isinstance(item, Line) and item.label == "sums and differences" for item in chart.panels[0].items)
+    doubtful = tuple(replace(one, growth=np.nan) for one in option.atlas.crossings)
+    marks = svg(atlas_chart(option, replace(option.atlas, crossings=doubtful), speed_unit(study)))
+    assert "crossing, UNRESOLVED" in marks and "crossing, damped" not in marks
+
+
+# --- words ------------------------------------------------------------------------------------------------------------
+
+
+def margin(**changes: Any) -> PeriodicMargin:
+    known: dict[str, Any] = {
+        "quantity": "depth", "nominal": 0.0, "limit": 1.0, "safe": 0.1234, "unsafe": 0.1236, "bound": "exact",
+        "agreement": Agreement.AGREED, "tongue": NO_RESONANCE, "unmodulated": False, "missed_width": 0.01,
+        "sought": (), "evaluated": 9, "reason": "",
+    }  # fmt: skip
+    return PeriodicMargin(**{**known, **changes})
+
+
+def test_a_margin_is_told_with_what_kind_of_bound_it_is() -> None:
+    assert margin_words(margin(), 100.0, "%", digits=4) == "12.34 %"
+    assert margin_words(margin(bound="lower", unsafe=np.nan), 100.0, "%") == "≥ 12.3 %"
+    assert margin_words(margin(bound="upper"), 100.0, "%") == "≤ 12.4 %"
+    down = margin(nominal=1.0, limit=0.1, bound="lower", safe=0.1, unsafe=np.nan)
+    assert margin_words(down, 1.0, "") == "≤ 0.100"
+    assert margin_words(margin(agreement=Agreement.UNRESOLVED), 100.0, "%") == "UNRESOLVED"
+
+
+def test_a_bracket_has_the_digits_its_error_leaves() -> None:
+    assert bracket_words(margin(), 100.0, "%") == "12.35 ± 0.01 %"
+    assert bracket_words(margin(safe=0.12349, unsafe=0.12351), 100.0, "%") == "12.350 ± 0.001 %"
+    assert bracket_words(margin(safe=0.12344, unsafe=0.12366), 100.0, "%") == "12.36 ± 0.02 %"
+    assert bracket_words(margin(unsafe=np.nan), 100.0, "%") == "stable at 12.34 %"
+    assert bracket_words(margin(safe=np.nan, unsafe=np.nan), 100.0, "%") == ABSENT
+
+
+def test_shares_are_never_rounded_to_all_or_nothing() -> None:
+    assert percent(1e-5) != percent(0.0) and percent(1.0 - 1e-5) != percent(1.0)
+    plane = marked(flat_plane((100, 100)), (3, 4), UNRESOLVED, 0.0)
+    assert "less than 0.1 % UNRESOLVED" in share_words(plane) and "more than 99.9 % stable" in share_words(plane)
+
+
+def test_ends_of_a_narrow_range_are_told_apart(study: MapStudy) -> None:
+    atlas = study.options[0].atlas
+    assert atlas is not None
+    one = replace(atlas.ranges[0], lower=50.0, upper=50.0002)
+    low, _, high = span_words(one, 3.6).partition(" to ")
+    assert low != high
+
+
+def test_the_smallest_depth_is_read_off_the_map(study: MapStudy) -> None:
+    plane = flat_plane((11, 6))
+    assert critical_depth_words(study, plane) == "none up to 50.0 %"
+    lost = marked(plane, (4, slice(3, None)), UNSTABLE, 0.1)
+    assert critical_depth_words(study, lost) == "30.0 % at 180 km/h"
+    doubt = marked(lost, (7, 2), UNRESOLVED, 0.0)
+    assert critical_depth_words(study, doubt) == "UNRESOLVED from 20.0 %; 30.0 % at 180 km/h"
+    bare = marked(lost, (slice(9, None), slice(None)), UNSTABLE, 1.0)
+    told = critical_depth_words(study, bare)
+    assert told == "30.0 % at 180 km/h; unstable without modulation on 18.2 % of the speed axis"
+    turned = replace(lost, x=lost.y, y=lost.x, state=lost.state.T)
+    swapped = replace(study, x=study.y, y=study.x)
+    assert critical_depth_words(swapped, turned) == "30.0 % at 180 km/h"
+
+
+def test_widths_are_compared_with_their_sign(study: MapStudy) -> None:
+    row = next(one for one in study.options[0].tongues if one.computed_half_width > 0.0)
+    wide = replace(row, first_order_half_width=1.1 * row.computed_half_width)
+    assert difference_words(wide) == "+10.0 %"
+    assert difference_words(replace(row, first_order_half_width=0.9 * row.computed_half_width)) == f"{MINUS}10.0 %"
+    assert difference_words(replace(row, computed_half_width=np.nan)) == ABSENT
+    assert difference_words(replace(row, first_order_half_width=0.0)) == "computed only"
+
+
+def test_full_widths_stand_in_the_table(study: MapStudy) -> None:
+    option = study.options[0]
+    found = {cells[0].text: cells for cells in place_table(option, speed_unit(study), "10 %").rows}
+    row = next(one for one in option.tongues if one.resonance.name.startswith("2 w1"))
+    assert float(found["2 w1"][5].text) == pytest.approx(2.0 * 3.6 * row.computed_half_width, rel=5e-3)
+    missing = [cells for cells in found.values() if "no unstable speed" in cells[-1].text]
+    assert missing and all(cells[4].text == ABSENT for cells in missing)
+
+
+def test_an_undecided_cure_is_no_cure(study: MapStudy) -> None:
+    cure = next(one.removal for one in study.options[0].tongues if one.removal is not None).equal
+    assert removal_words(replace(cure, agreement=Agreement.UNRESOLVED)).startswith("UNRESOLVED")
+    assert removal_words(replace(cure, safe=np.inf, unsafe=1.0)) == "not by 1.00"
+
+
+# --- the report -------------------------------------------------------------------------------------------------------
+
+
+def test_the_comparison_has_a_row_per_option(study: MapStudy) -> None:
+    rows = {cells[0].text: [cell.text for cell in cells] for cells in comparison_table(study).rows}
+    first, second = study.options[0].plane, study.options[1].plane
+    assert first is not None and second is not None
+    assert rows["Bare vehicle"][1] == percent(float(np.mean(first.state == UNSTABLE)))
+    assert rows["Damper, <b>strong</b>"][2].startswith(percent(second.share(UNRESOLVED)))
+    assert "no answer" in rows["Damper, <b>strong</b>"][2]
+    assert rows["Broken option"][1:4] == ["no map", ABSENT, "no equilibrium at the design point"]
+
+
+def test_speeds_are_told_in_the_unit_of_the_axis(study: MapStudy) -> None:
+    assert speed_unit(study) == (3.6, "km/h")
+    assert speed_unit(replace(study, x=replace(study.x, unit="m/s", scale=1.0))) == (1.0, "m/s")
+    spin = replace(study.x, quantity="rotor.speed", unit="rad/s", scale=1.0)
+    assert speed_unit(replace(study, x=spin)) == (3.6, "km/h")
+
+
+def test_the_page_says_it_all(written: Path) -> None:
+    page = (written / "map.html").read_text()
+    for words in (
+        "How to read a map", "stiffness of all magnets", "No map: no equilibrium at the design point", "UNRESOLVED",
+        "the engines do not agree at the design point", "Riccati residual over one period", "without modulation",
+        "magnet_front 61 %", "Go and no-go speeds", "the speed is on no axis",
+    ):  # fmt: skip
+        assert words in page, words
+    assert "<b>strong</b>" not in page and "&lt;b&gt;strong&lt;/b&gt;" in page
+    assert "http://" not in page.split("<script")[0].replace("http://www.w3.org", "")
+    assert (written / "map.pdf").read_bytes().startswith(b"%PDF")
+    assert (written / "mine.txt").read_text() == "kept"
+
+
+def test_the_same_study_gives_the_same_files(study: MapStudy, written: Path, tmp_path: Path) -> None:
+    write_map(study, tmp_path / "again")
+    for name in FILES:
+        assert (tmp_path / "again" / name).read_bytes() == (written / name).read_bytes(), name
+
+
+def test_studies_without_maps_are_still_written(study: MapStudy, tmp_path: Path) -> None:
+    failed = replace(study.options[2], name="only")
+    write_map(replace(study, options=(failed,)), tmp_path / "one")
+    assert "no equilibrium" in (tmp_path / "one" / "map.html").read_text()
+    write_map(replace(study, options=()), tmp_path / "none")
+    assert "No options" in (tmp_path / "none" / "map.html").read_text()
+
+
+def test_a_law_without_an_answer_is_told_unresolved(study: MapStudy) -> None:
+    law = PeriodicLawStudy(None, (), None, "the Riccati equation has no stabilising solution")
+    report = map_model(replace(study, options=(replace(study.options[0], law=law),)))
+    words = [str(getattr(block, "text", "")) for section in report.sections for block in section.blocks]
+    assert "UNRESOLVED: the Riccati equation has no stabilising solution" in words
+
+
+def test_figures_and_tables_keep_different_keys(study: MapStudy) -> None:
+    report = map_model(study)
+    keys = [chart.key for chart in report.charts()]
+    assert len(keys) == len(set(keys)) == 4
+    assert all(len(table.widths or table.columns) == len(table.columns) for table in tables(report))
+    assert all(len(row) == len(table.columns) for table in tables(report) for row in table.rows)
+    assert sum(isinstance(b, FigureBlock) for s in report.sections for b in s.blocks) == 4
+
+
+# --- the files --------------------------------------------------------------------------------------------------------
+
+
+def test_arrays_come_back_as_they_were(study: MapStudy, written: Path) -> None:
+    import xarray
+
+    first = study.options[0].plane
+    assert first is not None
+    with xarray.open_dataset(written / "map.nc", engine="scipy", mask_and_scale=False) as found:
+        assert found.growth.dims == ("option", "speed", "depth")
+        assert np.array_equal(found.growth[0], first.growth, equal_nan=True)
+        assert np.array_equal(found.state[1], np.asarray(study.options[1].plane.state))  # type: ignore[union-attr]
+        assert np.all(found.state[2] == NO_ANSWER) and np.all(np.isnan(found.growth[2]))
+        assert found.speed.attrs["long_name"] == "speed" and found.speed.attrs["display_unit"] == "km/h"
+        assert found.growth.attrs["units"] == "1/s"
+        assert "0: " in found.tongue_index.attrs["names_of_option_0"]
+        assert "2 w1/1 (car heave)" in found.tongue_index.attrs["names_of_option_0"]
+        assert np.all(found.state_periodic_law[0] == NO_ANSWER) and not np.all(found.state_periodic_law[1] == NO_ANSWER)
+        assert float(found.attrs["expected_depth"]) == study.depth
+
+
+def test_a_map_off_the_grid_is_refused(study: MapStudy) -> None:
+    wrong = replace(study.options[0], plane=flat_plane((7, 5)))
+    with pytest.raises(ValueError, match=r"bare: expected a map of .* got growth of shape \(7, 5\)"):
+        to_dataset(replace(study, options=(wrong,)))
+
+
+def test_the_summary_is_plain_json(study: MapStudy) -> None:
+    found = json.loads(json_text(study), parse_constant=lambda word: pytest.fail(word))
+    bare, damper, broken = found["options"]
+    assert bare["map"]["shares"]["unstable"] == study.options[0].plane.share(UNSTABLE)  # type: ignore[union-attr]
+    assert bare["margins"]["speed"]["up"]["unit"] == "m/s"
+    assert bare["margins"]["speed"]["up"]["safe"] == study.options[0].margins.speed[1].safe  # type: ignore[union-attr,index]
+    assert bare["tongues"][0]["first_order_centre"]["unit"] == "m/s"
+    assert bare["atlas"]["ranges"][0]["lower"] == {"value": 20.0, "unit": "m/s"}
+    assert damper["periodic_law"]["ratings"][0]["name"] == "periodic"
+    assert broken["map"] is None and broken["failure"] == "no equilibrium at the design point"
+
+
+def test_ranges_are_told_in_metres_per_second_without_holes(study: MapStudy) -> None:
+    rows = list(csv.DictReader(io.StringIO(ranges_csv(study))))
+    bare = [one for one in rows if one["option"] == "bare"]
+    assert float(bare[0]["from_m_per_s"]) == 20.0 and float(bare[-1]["to_m_per_s"]) == 115.0
+    assert all(a["to_m_per_s"] == b["from_m_per_s"] for a, b in pairwise(bare))
+    assert {one["verdict"] for one in bare} >= {"go", "no-go"}
+    assert [(one["verdict"], one["reason"]) for one in rows if one["option"] != "bare"] == [
+        ("not evaluated", "the speed is on no axis"), ("not evaluated", "no equilibrium at the design point"),
+    ]  # fmt: skip
