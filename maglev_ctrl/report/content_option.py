@@ -242,7 +242,9 @@ def _periodic_blocks(comparison: Comparison, option: OptionStudy) -> list[Block]
         caption = f"Resonances of {option.label}{more}: where each begins"
         blocks.append(Paragraph(_mode_numbers(option)))
         blocks.append(Table(caption, ("Resonance", "From depth", "At speed"), lines, (3.0, 1.0, 1.0), (1, 2)))
-    blocks += floquet_margin_blocks(option.label, study.margins, study.margins_reason)
+    blocks += floquet_margin_blocks(
+        option.label, study.margins, study.margins_reason, expected_depth=study.expected_depth
+    )  # fmt: skip
     if study.no_go_ranges:
         rows = tuple(
             row(number(a * _KILOMETRES_PER_HOUR, "km/h"), number(b * _KILOMETRES_PER_HOUR, "km/h"), tongue_words(name))

@@ -17,15 +17,17 @@ _KILOMETRES_PER_HOUR: Final = 3.6
 _DIGITS: Final = 6  # a bracket is a millionth of the margin wide
 
 
-def floquet_margin_blocks(label: str, margins: FloquetMargins | None, reason: str) -> list[Block]:
+def floquet_margin_blocks(
+    label: str, margins: FloquetMargins | None, reason: str, *, expected_depth: float
+) -> list[Block]:  # fmt: skip
     """The table of an option's Floquet margins, and what is missing."""
     if margins is None:
         return [Paragraph(f"Floquet margins of {label}: {reason}.")] if reason else []
-    rows = [_margin_row("Depth of modulation", margins.depth)]
+    rows = [_margin_row("Depth of modulation", margins.depth, expected_depth)]
     for pair, what in ((margins.gain, "Gain"), (margins.speed, "Speed")):
         if pair is not None:
-            rows += [_margin_row(f"{what} {way}", one) for way, one in zip(("down", "up"), pair, strict=True)]
-    heads = ("Changed", "A multiplier reaches 1 at", "From the design", "Number is", "Tongue or reason",
+            rows += [_margin_row(f"{what} {way}", one, 0.0) for way, one in zip(("down", "up"), pair, strict=True)]
+    heads = ("Changed", "A multiplier reaches 1 at", "Against the design", "Number is", "Tongue or reason",
              "Narrower may be missed")  # fmt: skip
     table = Table(
         f"Floquet margins of {label} about the design point, one quantity changed at a time; gain and speed at the "
@@ -35,7 +37,7 @@ def floquet_margin_blocks(label: str, margins: FloquetMargins | None, reason: st
     return [table, Paragraph(f"{reason[0].upper()}{reason[1:]}.")] if reason else [table]
 
 
-def _margin_row(what: str, one: PeriodicMargin) -> tuple[Cell, ...]:
+def _margin_row(what: str, one: PeriodicMargin, expected_depth: float) -> tuple[Cell, ...]:
     missed = _width(one)
     if one.agreement is Agreement.UNRESOLVED:
         return row(what, "UNRESOLVED", ABSENT, ABSENT, one.reason, missed)
@@ -47,7 +49,7 @@ def _margin_row(what: str, one: PeriodicMargin) -> tuple[Cell, ...]:
             place, told = f"none as far as {_value(one, one.safe)}", one.reason
         case "upper":
             place, told = f"{_value(one, one.unsafe)} at the latest", f"{cause}; {one.reason}"
-    return row(what, place, _change(one), BOUNDS[one.bound], told, missed)
+    return row(what, place, _change(one, expected_depth), BOUNDS[one.bound], told, missed)
 
 
 def _bracket(one: PeriodicMargin) -> str:
@@ -77,10 +79,10 @@ def _unit(one: PeriodicMargin) -> str:
     return {"depth": "%", "gain factor": "dB"}.get(one.quantity, "km/h")
 
 
-def _change(one: PeriodicMargin) -> str:
-    """What the value means against the design: a factor on the gain, per cent of the speed."""
+def _change(one: PeriodicMargin, expected_depth: float) -> str:
+    """What the value means against the design: a factor on the expected depth or the gain, per cent of the speed."""
     if one.quantity == "depth":
-        return ABSENT
+        return f"factor {number(one.value / expected_depth)}" if expected_depth > 0.0 else ABSENT
     if one.quantity == "gain factor":
         return f"factor {number(one.value)}"
     return number(100.0 * (one.value / one.nominal - 1.0), "%")

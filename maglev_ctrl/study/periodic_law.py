@@ -114,12 +114,12 @@ def periodic_law_study(
     the study, None where the option has no LQR; and why ("" where there is a study)
     """
     if design is None:
-        return None, "no periodic law: the option has no controller"
+        return None, "No periodic law: the option has no controller."
     if design.law != "LQR" or design.weights is None:
-        return None, f"no periodic law: it is compared with LQR options only, this one has {design.law}"
+        return None, f"No periodic law: it is compared with LQR options only, this one has {design.law}."
     expected = modulation_of(model.scenario).depth
     if not expected > 0.0:
-        return None, "no periodic law: the expected depth of modulation is zero"
+        return None, "No periodic law: the expected depth of modulation is zero."
     try:
         return _study(model, design, expected, draw, simulate), ""
     except (MaglevError, ValueError, np.linalg.LinAlgError) as fault:

@@ -22,7 +22,7 @@ NAMES = [str(file.relative_to(ROOT / "scenarios")) for file in FILES]
 EXPECTED = {
     "compare/eds_135t.toml", "compare/warwick_30t.toml", "design/double_l_guidance.toml", "paper/double_l.toml",
     "paper/double_l_corner_image.toml", "paper/double_l_paper_kinematics.toml", "paper/heave_pitch_surge.toml",
-    "paper/heave_surge.toml", "paper/six_dof.toml", "periodic/girder_passing.toml",
+    "paper/heave_surge.toml", "paper/six_dof.toml", "periodic/girder_passing.toml", "periodic/periodic_law.toml",
 }  # fmt: skip
 PHYSICS = ("[vehicle", "[[vehicle", "[forces", "[operating", "[periodic")
 

@@ -16,7 +16,7 @@ from maglev_ctrl.analysis.resonance import NO_RESONANCE
 from maglev_ctrl.errors import Agreement, Verdict
 from maglev_ctrl.report.content_periodic import floquet_margin_blocks
 from maglev_ctrl.report.model import Paragraph, Table
-from maglev_ctrl.report.style import ABSENT
+from maglev_ctrl.report.style import ABSENT, number
 from maglev_ctrl.scenario import Scenario
 from maglev_ctrl.study import OptionStudy
 from maglev_ctrl.study.floquet_margins import LOST, NO_CONTROLLER, NOT_ASKED, UNFORCED, option_margins
@@ -178,20 +178,21 @@ def test_requirements_are_judged_on_the_margins(asked: OptionStudy) -> None:
 def test_the_table_shows_bracket_tongue_and_what_the_number_is(asked: OptionStudy) -> None:
     assert asked.floquet is not None and asked.floquet.margins is not None
     found = asked.floquet.margins
-    table, missing = floquet_margin_blocks("Damper", found, asked.floquet.margins_reason)
+    table, missing = floquet_margin_blocks("Damper", found, asked.floquet.margins_reason, expected_depth=DEPTH)
     assert isinstance(table, Table) and isinstance(missing, Paragraph) and "no controller" in missing.text
     rows = {line[0].text: [cell.text for cell in line] for line in table.rows}
     assert list(rows) == ["Depth of modulation", "Speed down", "Speed up"]
     depth = rows["Depth of modulation"]
     shown, half = (float(part.split()[0]) for part in depth[1].split("±"))
     assert abs(shown - 50.0 * (found.depth.safe + found.depth.unsafe)) <= 1e-3 and half < 1e-2
+    assert depth[2] == f"factor {number(found.depth.safe / DEPTH)}"
     assert depth[3] == "exact" and found.depth.tongue.name in depth[4]
     assert rows["Speed down"][3] == "at least" and rows["Speed down"][1].startswith("none as far as 60.0 km/h")
     doubtful = replace(found, depth=replace(found.depth, agreement=Agreement.UNRESOLVED, reason="they differ"))
-    doubt = floquet_margin_blocks("Damper", doubtful, "")[0]
+    doubt = floquet_margin_blocks("Damper", doubtful, "", expected_depth=DEPTH)[0]
     assert isinstance(doubt, Table)
     assert [cell.text for cell in doubt.rows[0]][1:5] == ["UNRESOLVED", ABSENT, ABSENT, "they differ"]
-    (words,) = floquet_margin_blocks("Bare", None, UNFORCED)
+    (words,) = floquet_margin_blocks("Bare", None, UNFORCED, expected_depth=DEPTH)
     assert isinstance(words, Paragraph) and UNFORCED in words.text
 
 

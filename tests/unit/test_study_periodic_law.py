@@ -179,7 +179,7 @@ def _disturbed(problem: object) -> object:
 
 def test_who_gets_no_law_learns_why(shaken: Case, small_scenario: Callable[..., Scenario], small_text: str) -> None:
     _, model, design = shaken
-    assert periodic_law_study(model, None) == (None, "no periodic law: the option has no controller")
+    assert periodic_law_study(model, None) == (None, "No periodic law: the option has no controller.")
     assert "LQG" in periodic_law_study(model, replace(design, law="LQG"))[1]
     _, still, calm = case(small_scenario(small_text.replace("depth = 0.05", "depth = 0.0")))
     assert "zero" in periodic_law_study(still, calm)[1]
