@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from math import pi, sqrt
 
 import numpy as np
@@ -44,6 +45,8 @@ from maglev_ctrl.vehicle.guideway_sources import (
     pitch_ripple,
     stepped_joints,
 )
+from maglev_ctrl.vehicle.kinematics import stance
+from maglev_ctrl.vehicle.loads import magnet_field, position_slopes
 
 HEIGHT, SPEED, SPAN, MASS = 0.1, 60.0, 20.0, 10e3
 AT = OperatingPoint(SPEED, HEIGHT)
@@ -357,3 +360,26 @@ def test_patterns_are_records() -> None:
     sources: tuple[GuidewaySource, ...] = (pitch_ripple("coils", pitch=2.0, ripple=0.1),)
     found = guideway_pattern(sources, harmonics=3)
     assert isinstance(found, GuidewayPattern) and found.orders == 3 and found.cycles == (1,)
+
+
+def test_an_undisplaced_guideway_leaves_every_magnets_slopes_as_they_are() -> None:
+    """Walls, strengths, a tilted and offset posture: the displaced slopes are those of the loads."""
+    force = CornerImageForce(6000.0, length=0.0508, width=0.0254, thickness=0.00635)
+    car = Body("car", 0.8, inertia=(0.005, 0.01, 0.01), dofs=("sway", "heave", "roll", "pitch", "yaw"))
+    magnets = tuple(
+        Magnet(f"magnet_{i}", "car", force=force, position=(0.1 * i, side * 0.09, -0.01), side=side, count=1.0 + i)
+        for i, side in enumerate((1, -1, 0))
+    )
+    vehicle = Vehicle("rich", bodies=(car,), magnets=magnets, reference_height=0.02, reference_gap=0.0127)
+    state = equilibrium(vehicle, OperatingPoint(36.0, 0.02, gap=0.0127), hold="frozen")
+    posture = replace(state.posture, offset=0.001, displacement=np.array([5e-4, 1e-4, 0.01, -0.02, 0.005]))
+    here = stance(vehicle, posture.displacement)
+    wanted = magnet_field(vehicle, posture, here).by_position
+    lower = magnet_field(vehicle, replace(posture, height=posture.height - 1e-3), here).by_position
+    nearer = magnet_field(vehicle, replace(posture, gap=0.0127 - 1e-3), here).by_position
+    found = position_slopes(
+        vehicle, posture, here, rise=np.array([0.0, 1e-3, 0.0]), narrowing=np.array([0.0, 0.0, 1e-3])
+    )
+    for one, other in zip(found, (wanted, lower, nearer), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12 * float(np.max(np.abs(wanted))))
+    assert np.max(np.abs(lower - wanted)) > 0.01 * np.max(np.abs(wanted))
