@@ -7,7 +7,7 @@ second has to agree, or the result says UNRESOLVED.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -18,6 +18,7 @@ from maglev_ctrl.errors import Agreement
 from maglev_ctrl.kernels import (
     TaylorPlan,
     balance,
+    check_periodic,
     eigen_triplets,
     hill_spectrum,
     periodic_multipliers,
@@ -95,7 +96,7 @@ def floquet(system: PeriodicSystem, *, agreement_tolerance: float = 1e-8, min_se
 
     Raises
     ------
-    ValueError : the system carries batch axes
+    ValueError : the system carries batch axes, entries that are not finite, or a frequency that is not positive
 
     References
     ----------
@@ -111,6 +112,10 @@ def floquet(system: PeriodicSystem, *, agreement_tolerance: float = 1e-8, min_se
     if system.A_0.ndim != 2 or system.A_cos.ndim != 3 or system.frequency.ndim != 0:
         raise ValueError("system: expected one periodic system, got batch axes; see resonance_map for batches")
     frequency = float(system.frequency)
+    if system.A_cos.shape[0] == 0:
+        none = read_only_any(np.zeros((1, *system.A_0.shape)))
+        system = replace(system, A_cos=none, A_sin=none)
+    check_periodic(system.A_0, system.A_cos, system.A_sin, frequency)
     period = 2.0 * np.pi / frequency
     A_0, A_cos, A_sin = scaled_coefficients(system.A_0, system.A_cos, system.A_sin)
     plan = plan_for(A_0, A_cos, A_sin, frequency=frequency, min_segments=min_segments)

@@ -1,6 +1,7 @@
 """Array-only numerics without domain words: propagators, periodic products, Hill matrices, Chebyshev interpolation."""
 
 from maglev_ctrl.kernels.chebyshev import ChebyshevSeries, chebyshev_series
+from maglev_ctrl.kernels.checks import check_periodic
 from maglev_ctrl.kernels.hill import HillSpectrum, hill_matrix, hill_pair, hill_spectrum
 from maglev_ctrl.kernels.periodic_qr import PeriodicMultipliers, periodic_multipliers
 from maglev_ctrl.kernels.piecewise import piecewise_propagators
@@ -19,6 +20,7 @@ __all__ = [
     "PeriodicMultipliers",
     "TaylorPlan",
     "balance",
+    "check_periodic",
     "chebyshev_series",
     "eigen_triplets",
     "hill_matrix",

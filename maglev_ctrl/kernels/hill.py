@@ -14,6 +14,7 @@ from scipy import linalg
 from scipy.sparse.csgraph import connected_components
 
 from maglev_ctrl.arrays import ComplexArray, FloatArray
+from maglev_ctrl.kernels.checks import check_periodic
 
 _CLUSTER = 1e-6  # copies of one exponent agree to this, relative to the size of the problem
 _RESOLVED = 1e-8  # energy share allowed in the outermost harmonics of a copy that counts
@@ -76,6 +77,10 @@ def hill_spectrum(
     tolerance : change allowed, relative to max(W, |s|)
     max_size : largest matrix tried (but room for one refinement); beyond it the result says `converged=False`
 
+    Raises
+    ------
+    ValueError : see `check_periodic`
+
     Examples
     --------
     >>> A_0, A_1 = np.array([[0.0, 1.0], [-1.0, 0.0]]), np.array([[[0.0, 0.0], [-0.4, 0.0]]])
@@ -83,6 +88,7 @@ def hill_spectrum(
     >>> [round(float(x), 6) for x in spectrum.exponents.real]
     [0.099536, -0.099536]
     """
+    check_periodic(A_0, A_cos, A_sin, frequency)
     n, H = A_0.shape[-1], len(A_cos)
     amplitude = sum(float(np.linalg.norm(a, 2) + np.linalg.norm(b, 2)) for a, b in zip(A_cos, A_sin, strict=True))
     harmonics = 2 * H + 1 + H * int(np.ceil(min(2.0 * amplitude / frequency, 40.0) ** 0.5))

@@ -44,7 +44,7 @@ def periodic_multipliers(factors: FloatArray, *, max_sweeps: int = 300) -> Perio
 
     Raises
     ------
-    ValueError : wrong shape
+    ValueError : wrong shape, no factors, or an entry that is not finite
 
     Examples
     --------
@@ -55,6 +55,10 @@ def periodic_multipliers(factors: FloatArray, *, max_sweeps: int = 300) -> Perio
     F = np.asarray(factors, dtype=np.float64)
     if F.ndim != 3 or F.shape[1] != F.shape[2]:
         raise ValueError(f"factors: expected shape (S, n, n), got {F.shape}")
+    if F.size == 0:
+        raise ValueError(f"factors: expected at least one factor with one state, got shape {F.shape}")
+    if not np.isfinite(F).all():
+        raise ValueError("factors: every entry must be finite")
     grouped, sizes = _group(F)
     n = F.shape[-1]
     basis = _first_basis(grouped)

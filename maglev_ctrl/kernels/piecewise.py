@@ -19,7 +19,7 @@ def piecewise_propagators(matrices: ArrayLike, durations: ArrayLike) -> FloatArr
 
     Raises
     ------
-    ValueError : shapes do not fit or a duration is not positive
+    ValueError : shapes do not fit, there is no piece, an entry is not finite, or a duration is not positive
 
     Examples
     --------
@@ -31,6 +31,8 @@ def piecewise_propagators(matrices: ArrayLike, durations: ArrayLike) -> FloatArr
     n = A.shape[-1]
     A = read_only(A, name="matrices", shape=(None, n, n))
     t = read_only(durations, name="durations", shape=(A.shape[-3],))
+    if A.size == 0:
+        raise ValueError(f"matrices: expected at least one piece with one state, got shape {A.shape}")
     if np.any(t <= 0.0):
-        raise ValueError("durations: expected positive times in s")
+        raise ValueError(f"durations: expected positive times in s, got {np.min(t):g}")
     return np.asarray(linalg.expm(A * t[..., None, None]))

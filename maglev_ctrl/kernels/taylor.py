@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_ctrl.arrays import FloatArray
+from maglev_ctrl.kernels.checks import check_periodic
 from maglev_ctrl.kernels.segments import count_monomials, degree_for, monomials, segment_coefficients
 
 _STEP = 4.0  # norm of the generator times the segment length: larger costs digits, smaller costs segments
@@ -98,6 +99,7 @@ def propagators_over_depths(
     >>> bool(abs(np.prod(X) - np.exp(-2 * np.pi)) < 1e-15)
     True
     """
+    check_periodic(A_0, A_cos, A_sin, frequency)
     depths = np.asarray(depths, dtype=np.float64)
     jobs = len(depths) * plan.segments
     step = 2.0 * np.pi / (frequency * plan.segments)

@@ -39,7 +39,7 @@ class PeriodicSystem:
 
         Raises
         ------
-        ValueError : a shape does not fit, or a frequency is not positive
+        ValueError : a shape does not fit, there are no states, an entry is not finite, or a frequency is not positive
 
         Examples
         --------
@@ -49,11 +49,13 @@ class PeriodicSystem:
         """
         A = read_only(A_0, name="A_0", shape=(None, None))
         n = A.shape[-1]
+        if n == 0:
+            raise ValueError(f"A_0: expected at least one state, got shape {A.shape}")
         cosine = read_only(A_cos, name="A_cos", shape=(None, n, n))
         sine = read_only(np.zeros_like(cosine) if A_sin is None else A_sin, name="A_sin", shape=cosine.shape[-3:])
         omega = read_only(frequency, name="frequency")
         if np.any(omega <= 0.0):
-            raise ValueError("frequency: expected a positive angular frequency in rad/s")
+            raise ValueError(f"frequency: expected a positive angular frequency in rad/s, got {np.min(omega):g}")
         return cls(A_0=read_only(A, name="A_0", shape=(n, n)), A_cos=cosine, A_sin=sine, frequency=omega, states=states)
 
     @property
@@ -78,7 +80,8 @@ def modulate(
 
     Raises
     ------
-    ValueError : a shape does not fit, or a modulation acts on an ignorable position
+    ValueError : a shape does not fit, there is no harmonic, an entry is not finite, a frequency is not positive, or a
+        modulation acts on an ignorable position
 
     Examples
     --------
@@ -91,6 +94,8 @@ def modulate(
     cosine = read_only(K_cos, name="K_cos", shape=(None, n, n))
     sine = np.zeros_like(cosine) if K_sin is None else read_only(K_sin, name="K_sin", shape=cosine.shape[-3:])
     harmonics = range(cosine.shape[-3])
+    if not len(harmonics):
+        raise ValueError(f"K_cos: expected at least one harmonic, got shape {cosine.shape}")
     return PeriodicSystem.from_matrices(
         system.state_matrix(),
         np.stack([system.modulated_state_matrix(cosine[..., k, :, :]) for k in harmonics], axis=-3),
