@@ -7,7 +7,6 @@ import io
 import json
 import os
 import shutil
-import zipfile
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -38,11 +37,11 @@ class FolderStore:
         """The arrays kept under a name; None when there are none."""
         file = self._file(key)
         try:
-            with np.load(file, allow_pickle=False) as kept:
+            with file.open("rb") as stream, np.load(stream, allow_pickle=False) as kept:
                 return {name: kept[name] for name in kept.files}
         except FileNotFoundError:
             return None
-        except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
+        except Exception:  # a damaged archive may raise anything
             with suppress(OSError):
                 file.unlink(missing_ok=True)
             return None
