@@ -88,18 +88,19 @@ class DeviceRadius(NumpyRadius):
         modulus, sure = xp.zeros(len(matrices)), zero
         powers = first_power(xp, matrices, xp.zeros(len(matrices)))
         hopeless = ~xp.isfinite(powers.norm)
-        history = [powers.exponent]
+        row = xp.arange(CHECKS[-1] + 1)[:, None]
+        history = xp.where(row == 0, powers.exponent, -np.inf)  # of one shape throughout
         while powers.squarings <= CHECKS[-1]:
             square = powers.matrix @ powers.matrix
             if powers.squarings in CHECKS:
                 pair = leading_pair(xp, powers, square)
-                value, error = verified_modulus(xp, powers, square, xp.stack(history), pair)
+                value, error = verified_modulus(xp, powers, square, history, pair)
                 good = pair[-1] & (error <= ACCURACY) & ~sure
                 modulus, sure = xp.where(good, value, modulus), sure | good
                 if bool(xp.all(sure | hopeless)):
                     break
             powers = next_power(xp, powers, square)
-            history.append(powers.exponent)
+            history = xp.where(row == powers.squarings, powers.exponent, history)
         return modulus, sure
 
     def _decided(self, matrices: Any, rounding: Any, stable_below: float, unstable_above: float) -> Any:

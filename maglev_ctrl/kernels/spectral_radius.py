@@ -125,14 +125,14 @@ def verified_modulus(
 ) -> tuple[Any, Any]:
     """Spectral radius (q,) from the leading pair, and its estimated relative error (q,).
 
-    `history` (k + 1, q): the exponents e_0 ... e_k of this and the earlier powers.
+    `history` (k + 1, q): the exponents e_0 ... e_k of this and the earlier powers; further rows may be -inf.
     """
     matrix, exponent, _, _, squarings = powers
     first, product, distance, largest, _ = pair
     n, count = matrix.shape[-1], 2.0**squarings
     rest = square @ matrix - first[:, None, None] * square + product[:, None, None] * matrix
     logarithm = exponent / count + xp.log2(largest) / count
-    level = xp.arange(squarings + 1.0)[:, None]
+    level = xp.arange(1.0 * len(history))[:, None]
     loss = xp.sum(xp.exp2(history - level - 2.0**level * logarithm), axis=0)
     truncation = _norm(xp, rest) / largest**3
     rounding = SAFETY * n * ROUNDING * (1.0 / largest**2 + count * loss / largest)
@@ -146,7 +146,9 @@ def verified_modulus(
 
 def series_rounding(coefficients: FloatArray, basis: FloatArray) -> FloatArray:
     """Bound (q,) in Frobenius norm on the rounding error of sum_k basis[:, k] coefficients[k]."""
-    terms = np.sqrt(np.sum(coefficients.reshape(len(coefficients), -1) ** 2, axis=1))
+    flat = np.abs(coefficients.reshape(len(coefficients), -1))
+    largest = np.max(flat, axis=1, initial=0.0)  # taken out, because its square may overflow
+    terms = largest * np.sqrt(np.sum((flat / np.where(largest > 0.0, largest, 1.0)[:, None]) ** 2, axis=1))
     return np.asarray((len(terms) + 1) * ROUNDING * (np.abs(basis) @ terms))
 
 
