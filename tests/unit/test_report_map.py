@@ -19,6 +19,7 @@ from maglev_ctrl.analysis.plane_records import NO_ANSWER, STABLE, UNRESOLVED, UN
 from maglev_ctrl.analysis.resonance import NO_RESONANCE, make_resonance
 from maglev_ctrl.errors import Agreement
 from maglev_ctrl.report.chart import Bars, Cells, Chart, Heat, Line, Note
+from maglev_ctrl.report.charts_periodic import short_words
 from maglev_ctrl.report.interactive import interactive
 from maglev_ctrl.report.labels import Anchor, Room, placed
 from maglev_ctrl.report.map import picture as picture_module
@@ -28,8 +29,23 @@ from maglev_ctrl.report.map.chart import map_chart, pair_chart, share_words
 from maglev_ctrl.report.map.content import comparison_table, map_model, speed_unit
 from maglev_ctrl.report.map.data import json_text, ranges_csv, to_dataset
 from maglev_ctrl.report.map.picture import MOST_COLUMNS, MOST_ROWS, boundary, picture, region_anchors
-from maglev_ctrl.report.map.tables import bracket_words, difference_words, place_table, removal_words
-from maglev_ctrl.report.map.words import critical_depth_words, margin_words, percent, span_words
+from maglev_ctrl.report.map.tables import (
+    LOST_ITSELF,
+    bracket_words,
+    cure_table,
+    difference_words,
+    margin_table,
+    place_table,
+    removal_words,
+)
+from maglev_ctrl.report.map.words import (
+    absent_words,
+    critical_depth_words,
+    margin_words,
+    percent,
+    span_words,
+    worst_tongue,
+)
 from maglev_ctrl.report.model import FigureBlock, Report, Table
 from maglev_ctrl.report.raster import even_cells, rectangles
 from maglev_ctrl.report.style import ABSENT, MINUS
@@ -264,7 +280,7 @@ def test_bands_of_the_atlas_show_the_narrowest_no_go_range(study: MapStudy) -> N
     narrow = replace(atlas, ranges=(replace(bad, upper=bad.lower + 1e-6), *atlas.of("go")))
     speed, limits = speed_unit(study), (72.0, 414.0)
     drawn = {item.label: item for item in bands_panel(narrow, speed, limits).items if isinstance(item, Bars)}
-    assert drawn["no go"].length[0] >= 0.003 * (limits[1] - limits[0]) and drawn["no go"].hatched
+    assert drawn["no go"].length[0] >= 0.003 * (limits[1] - limits[0]) and not drawn["no go"].hatched
     middle = float(drawn["no go"].start[0] + drawn["no go"].length[0] / 2)
     assert middle == pytest.approx(3.6 * bad.lower, abs=1e-3)
 
@@ -361,6 +377,35 @@ def test_an_undecided_cure_is_no_cure(study: MapStudy) -> None:
     cure = next(one.removal for one in study.options[0].tongues if one.removal is not None).equal
     assert removal_words(replace(cure, agreement=Agreement.UNRESOLVED)).startswith("UNRESOLVED")
     assert removal_words(replace(cure, safe=np.inf, unsafe=1.0)) == "not by 1.00"
+
+
+def test_a_tongue_without_an_answer_is_not_told_absent(study: MapStudy) -> None:
+    option = study.options[0]
+    here = next(one for one in option.tongues if one.peak_growth > 0.0)
+    gone = replace(here, peak_growth=np.nan, computed_centre=np.nan, computed_half_width=np.nan, removal=None)
+    later, never = replace(gone, onset=2.0 * gone.depth), replace(gone, onset=np.inf, reason="none up to depth 0.5")
+    open_ = replace(gone, onset=np.nan, reason="the engines do not confirm the onset")
+    assert worst_tongue(replace(option, tongues=(later, never))) == "none at this depth"
+    assert worst_tongue(replace(option, tongues=(later, open_))).startswith("UNRESOLVED: 2 w")
+    assert worst_tongue(replace(option, tongues=(here, open_))).endswith("; 1 UNRESOLVED")
+    bare = replace(option, tongues=(replace(gone, onset=0.0, reason="a mode grows"),))
+    assert worst_tongue(bare) == "unstable without modulation"
+    mixed = replace(option, tongues=(here, later, never, open_))
+    assert len(place_table(mixed, speed_unit(study), "10 %").rows) == 3 and len(cure_table(mixed).rows) == 1
+    assert absent_words(mixed) == (f"None up to depth 0.5: {short_words(here.resonance.name)}.",)
+
+
+def test_a_margin_that_was_not_asked_is_not_told_lost(study: MapStudy) -> None:
+    option = study.options[0]
+    assert option.margins is not None
+    passive = replace(option, margins=replace(option.margins, gain=None), margins_reason="the option has no controller")
+    lost = replace(option, margins=replace(option.margins, gain=None, speed=None))
+    for one, words in ((passive, "the option has no controller"), (lost, LOST_ITSELF)):
+        assert one.margins is not None
+        rows = {cells[0].text: cells for cells in margin_table(one, one.margins, (3.6, "km/h"), depth=0.1).rows}
+        assert rows["gain, up"][5].text == words and rows["depth"][1].text == "10.0 %"
+    compared = comparison_table(replace(study, options=(passive, lost)))
+    assert [cells[7].text for cells in compared.rows] == [ABSENT, LOST_ITSELF]
 
 
 # --- the report -------------------------------------------------------------------------------------------------------

@@ -16,7 +16,8 @@ from maglev_ctrl.study.map.records import OptionMap
 
 _SIZE: Final = (4.3, 3.3)  # in, of the Campbell diagram
 _ROOM_ABOVE: Final = 1.12  # of the highest thing that matters
-_LEAST_BAND: Final = 0.004  # of the speeds: a narrower no-go band is drawn this wide, for it must be seen
+_LEAST_HATCHED: Final = 0.03  # of the speeds
+_LEAST_BAND: Final = 0.008  # of the speeds: a narrower no-go band is drawn this wide, for it must be seen
 _MOST_NAMES: Final = 14
 _GO_COLOUR: Final = "#8fd3bf"  # the green of what passes, paler: most of a good atlas is go
 _TURN: Final = 2.0 * np.pi
@@ -51,7 +52,7 @@ def atlas_chart(option: OptionMap, atlas: TongueAtlas, speed: tuple[float, str])
         caption=f"Tongue atlas of {option.label}: natural frequencies, their sums and differences that are met, and "
         "the lines of k times the passing frequency. Filled where lines meet: the pair of modes grows there; hollow: "
         f"it decays; a cross: the methods do not decide.{hidden} Below: speeds that are stable (go), unstable (no "
-        "go, orange and hatched) and UNRESOLVED (grey and hatched), decided by both engines and not by the lines; "
+        "go, orange) and UNRESOLVED (grey), both hatched where wide, decided by both engines and not by the lines; "
         f"bands narrower than {100 * _LEAST_BAND:g} % of the range are drawn that wide.",
         alt=atlas_alt(option, atlas, speed), panels=(panel, bands_panel(atlas, speed, limits)),
         row_heights=(_SIZE[1], 0.18), share_x=True, legend="right",
@@ -84,9 +85,12 @@ def bands_panel(atlas: TongueAtlas, speed: tuple[float, str], limits: tuple[floa
             "\n".join(part for part in (f"{label}: {span_words(one, speed[0])} {speed[1]}", *one.tongues) if part)
             for one in found
         )
-        if found:
-            middle = np.full(len(found), 0.5)
-            items.append(Bars(middle, low - short, length + 2.0 * short, 1.0, label, tint, hatched, hover))
+        wide = (length > _LEAST_HATCHED * (limits[1] - limits[0])) & hatched  # in a narrow bar a hatch hides the colour
+        for which, style in ((~wide, False), (wide, True)):
+            if which.any():
+                told = tuple(text for text, kept in zip(hover, which, strict=True) if kept)
+                bars = (low - short)[which], (length + 2.0 * short)[which]
+                items.append(Bars(np.full(len(told), 0.5), *bars, 1.0, label, tint, style, told))
     return Panel(tuple(items), Axis(f"speed ({speed[1]})", limits=limits), Axis("", limits=(0.0, 1.0), hidden=True))
 
 

@@ -23,6 +23,7 @@ _MOST_NAMES: Final = 24
 _MOST_IN_PAIR: Final = 4
 _SIZE: Final = (5.2, 3.4)  # in, of a map alone
 _PAIR: Final = (2.25, 2.3)  # in, of two side by side
+_MOST_DECAY: Final = 95.0  # per cent of the stable cells: few that decay faster share the last colour
 _GAP: Final = 0.05  # of the panel's height between the two scales
 
 
@@ -88,13 +89,13 @@ def _alt(option: OptionMap, plane: StabilityPlane, anchors: list[Anchor], x: Map
 
 
 def _limits(shown: Sequence[Picture]) -> tuple[float, float]:
-    """Largest growth and largest decay drawn, 1/s; 0 where there is none."""
+    """Largest growth and decay with a colour of their own, 1/s; 0 where there is none."""
     growth = np.concatenate([one.growth[one.where(UNSTABLE)].ravel() for one in shown])
     decay = -np.concatenate([one.growth[one.where(STABLE)].ravel() for one in shown])
     fastest, slowest = (values[np.isfinite(values)] for values in (growth, decay))
     return (
         float(np.max(fastest)) if fastest.size else 0.0,
-        max(float(np.max(slowest)), 0.0) if slowest.size else 0.0,
+        max(float(np.percentile(slowest, _MOST_DECAY)), 0.0) if slowest.size else 0.0,
     )
 
 
@@ -170,7 +171,9 @@ def _legend_words(shown: Picture, plane: StabilityPlane, anchors: list[Anchor], 
     if shown.where(UNSTABLE).any():
         words.append("Strong colours are unstable: the growth rate; names say which modes feed each other.")
     if shown.where(STABLE).any():
-        words.append("Faint blue is stable: the decay rate of the slowest motion.")
+        words.append(
+            "Faint blue is stable: the decay rate of the slowest motion (the fastest twentieth in one colour)."
+        )
     if any(one.text == "none" for one in anchors):
         words.append('"none": unstable without any resonance.')
     if shown.where(UNRESOLVED).any():

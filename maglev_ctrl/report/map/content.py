@@ -9,9 +9,10 @@ from maglev_ctrl.analysis.first_instability import PeriodicMargin
 from maglev_ctrl.analysis.plane_records import NO_ANSWER, UNRESOLVED, UNSTABLE
 from maglev_ctrl.report.map.atlas_chart import atlas_chart
 from maglev_ctrl.report.map.chart import map_chart, pair_chart
-from maglev_ctrl.report.map.tables import cure_table, law_table, margin_table, place_table, range_table
+from maglev_ctrl.report.map.tables import LOST_ITSELF, cure_table, law_table, margin_table, place_table, range_table
 from maglev_ctrl.report.map.words import (
     HOW_TO_READ,
+    absent_words,
     critical_depth_words,
     margin_words,
     missed_words,
@@ -111,8 +112,10 @@ def comparison_table(study: MapStudy) -> Table:
 
 def _pair_words(option: OptionMap, pair: tuple[PeriodicMargin, PeriodicMargin] | None, scale: float, unit: str) -> str:
     """A margin down and up in one cell."""
+    margins = option.margins
     if pair is None:
-        return ABSENT if option.margins is None else "unstable at the design point"
+        lost = margins is not None and margins.gain is None and margins.speed is None
+        return LOST_ITSELF if lost else ABSENT
     return " to ".join(margin_words(one, scale, unit) for one in pair)
 
 
@@ -150,7 +153,15 @@ def _notes(option: OptionMap) -> list[Block]:
 def _tongues(study: MapStudy, option: OptionMap) -> list[Block]:
     if not option.tongues:
         return []
-    return [place_table(option, speed_unit(study), depth_words(study)), cure_table(option)]
+    blocks: list[Block] = []
+    found = place_table(option, speed_unit(study), depth_words(study))
+    if found.rows:
+        blocks.append(found)
+    none = absent_words(option)
+    if none:
+        blocks += [Paragraph("Pairs of modes and orders without a tongue of their own:"), Bullets(none)]
+    cures = cure_table(option)
+    return [*blocks, cures] if cures.rows else blocks
 
 
 def _speeds(study: MapStudy, option: OptionMap) -> list[Block]:
@@ -171,8 +182,7 @@ def _speeds(study: MapStudy, option: OptionMap) -> list[Block]:
 def _margins(study: MapStudy, option: OptionMap) -> list[Block]:
     if option.margins is None:
         return [Paragraph(f"No Floquet margins: {option.margins_reason}")] if option.margins_reason else []
-    reason: list[Block] = [Paragraph(option.margins_reason)] if option.margins_reason else []
-    return [margin_table(option, option.margins, speed_unit(study), depth=study.depth), *reason]
+    return [margin_table(option, option.margins, speed_unit(study), depth=study.depth)]
 
 
 def _law(study: MapStudy, option: OptionMap) -> list[Block]:

@@ -11,12 +11,13 @@ from maglev_ctrl.analysis.tongue_removal import Removal
 from maglev_ctrl.analysis.tongue_table import TongueRow
 from maglev_ctrl.errors import Agreement
 from maglev_ctrl.report.charts_periodic import short_words
-from maglev_ctrl.report.map.words import VERDICTS, bound_sentence, margin_words, span_words
+from maglev_ctrl.report.map.words import VERDICTS, absent, bound_sentence, margin_words, span_words
 from maglev_ctrl.report.model import Table, row
 from maglev_ctrl.report.style import ABSENT, MINUS, number
 from maglev_ctrl.study.map.records import OptionMap
 from maglev_ctrl.synthesis.periodic_constant import PeriodicComparison
 
+LOST_ITSELF = "unstable at the design point itself"
 _MOST_FEEDERS = 3
 _LEAST_SHARE = 0.005  # of the feeding: a smaller share is not told
 
@@ -33,13 +34,17 @@ def place_table(option: OptionMap, speed: tuple[float, str], depth_words: str) -
             number(one.peak_growth), "; ".join(part for part in (one.needs, one.reason) if part),
         )
         for one in option.tongues
+        if not absent(one)
     )  # fmt: skip
     heads = (
-        "Tongue", "Kind", f"First order: centre ({unit})", f"full width ({unit})", f"Computed: centre ({unit})",
-        f"full width ({unit})", "Width differs by", "From depth", "Peak growth (1/s)", "Needs, or why missing",
+        "Tongue", "Kind", "First-order centre", "First-order width", "Computed centre", "Computed width",
+        "Widths differ by", "From depth", "Peak growth (1/s)", "Needs, or why missing",
     )  # fmt: skip
-    caption = f"Tongues of {option.label} over speed at {depth_words}: Hsu's first-order theory and the computed edges"
-    return Table(caption, heads, rows, (1.1, 1.0, 1.1, 0.9, 1.1, 0.9, 0.9, 0.9, 0.9, 2.2), (2, 3, 4, 5, 6, 7, 8), True)
+    caption = (
+        f"Tongues of {option.label} over speed at {depth_words}: centres and full widths in {unit}, by Hsu's first-"
+        "order theory and between the computed edges"
+    )
+    return Table(caption, heads, rows, (1.1, 1.0, 0.9, 0.9, 1.0, 1.0, 0.9, 0.9, 0.9, 2.2), (2, 3, 4, 5, 6, 7, 8), True)
 
 
 def _onset(onset: float) -> str:
@@ -60,20 +65,20 @@ def difference_words(one: TongueRow) -> str:
 
 
 def cure_table(option: OptionMap) -> Table:
-    """What feeds every tongue and the damping that removes it."""
+    """What feeds every tongue that is there, and the damping that removes it."""
     rows = []
     for one in option.tongues:
         cure = one.removal
-        told = [ABSENT, ABSENT, one.reason or "not there at this depth"]
-        if cure is not None:
-            alone = "; ".join(f"w{part.modes[0]}: {removal_words(part)}" for part in cure.alone)
-            warnings = [w for w in (cure.equal.warning, *(part.warning for part in cure.alone)) if w]
-            crowd = f"overlaps {', '.join(short_words(name) for name in cure.crowd)}" if cure.crowd else ""
-            told = [removal_words(cure.equal), alone or ABSENT, "; ".join((*warnings, *([crowd] if crowd else [])))]
+        if cure is None:
+            continue
+        alone = "; ".join(f"w{part.modes[0]}: {removal_words(part)}" for part in cure.alone)
+        warnings = [w for w in (cure.equal.warning, *(part.warning for part in cure.alone)) if w]
+        crowd = [f"overlaps {', '.join(short_words(name) for name in cure.crowd)}"] if cure.crowd else []
+        told = removal_words(cure.equal), alone or ABSENT, "; ".join((*warnings, *crowd))
         rows.append(row(short_words(one.resonance.name), feeding_words(one), *told))
-    heads = ("Tongue", "Fed by", "Added damping ratio, equal", "on one mode alone", "Warning")
+    heads = ("Tongue", "Fed by", "Added damping ratio, equal", "On one mode alone", "Warning")
     caption = (
-        f"What feeds each tongue of {option.label}, and the damping ratio that, added to its modes, removes it at "
+        f"What feeds the tongues of {option.label}, and the damping ratio that, added to its modes, removes each at "
         "every speed (a negative share works against the tongue)"
     )
     return Table(caption, heads, tuple(rows), (1.0, 2.2, 1.3, 1.6, 2.4), (), True)
@@ -122,16 +127,23 @@ def margin_table(option: OptionMap, margins: FloquetMargins, speed: tuple[float,
         cases += [(f"{name}, down", down, scale, unit), (f"{name}, up", up, scale, unit)]
     rows = []
     for name, one, scale, unit in cases:
-        cells = _margin_cells(one, scale, unit)
+        cells = _margin_cells(one, scale, unit, _why_none(option, margins))
         rows.append(row(name, number(100.0 * depth, "%") if name == "depth" else cells[0], *cells[1:]))
     heads = ("Margin", "Design", "Lost at", "Bracket", "Tongue", "What kind of bound", "Strip that may be missed")
     caption = f"Floquet margins of {option.label}: how far one quantity may go alone until a motion grows"
     return Table(caption, heads, tuple(rows), (1.0, 0.8, 1.0, 1.5, 1.4, 2.2, 1.0), (1, 2), True)
 
 
-def _margin_cells(one: PeriodicMargin | None, scale: float, unit: str) -> tuple[str, ...]:
+def _why_none(option: OptionMap, margins: FloquetMargins) -> str:
+    """Why there is no margin of gain or speed: neither where the loop is lost itself, else what the study says."""
+    if margins.gain is None and margins.speed is None:
+        return LOST_ITSELF
+    return option.margins_reason or "not asked"
+
+
+def _margin_cells(one: PeriodicMargin | None, scale: float, unit: str, why: str) -> tuple[str, ...]:
     if one is None:
-        return ABSENT, ABSENT, ABSENT, ABSENT, "unstable at the design point itself", ABSENT
+        return ABSENT, ABSENT, ABSENT, ABSENT, why, ABSENT
     undecided = one.agreement is Agreement.UNRESOLVED
     tongue = "unstable without modulation" if one.unmodulated else short_words(one.tongue.name)
     return (

@@ -9,6 +9,7 @@ import numpy as np
 from maglev_ctrl.analysis.first_instability import PeriodicMargin
 from maglev_ctrl.analysis.plane_records import NO_ANSWER, STABLE, UNRESOLVED, UNSTABLE, StabilityPlane
 from maglev_ctrl.analysis.tongue_atlas import SpeedRange, TongueAtlas
+from maglev_ctrl.analysis.tongue_table import TongueRow
 from maglev_ctrl.errors import Agreement
 from maglev_ctrl.report.charts_periodic import short_words
 from maglev_ctrl.report.style import ABSENT, number
@@ -122,14 +123,37 @@ def span_words(one: SpeedRange, scale: float) -> str:
 
 
 def worst_tongue(option: OptionMap) -> str:
-    """The tongue of most growth at the design depth, else the region of most growth on the map."""
+    """The tongue of most growth at the design depth; UNRESOLVED where one is there or may be and none has an answer."""
     rows = [one for one in option.tongues if math.isfinite(one.peak_growth) and one.peak_growth > 0.0]
+    doubt = [one for one in option.tongues if undecided(one)]
     if rows:
         worst = max(rows, key=lambda one: one.peak_growth)
-        return f"{short_words(worst.resonance.name)}, {number(worst.peak_growth, '1/s')}"
-    if any(one.reason for one in option.tongues):
-        return "UNRESOLVED" if not any(math.isfinite(one.computed_centre) for one in option.tongues) else "none"
-    return "none" if option.tongues else ABSENT
+        also = f"; {len(doubt)} UNRESOLVED" if doubt else ""
+        return f"{short_words(worst.resonance.name)}, {number(worst.peak_growth, '1/s')}{also}"
+    if option.tongues and all(one.onset == 0.0 for one in option.tongues):
+        return "unstable without modulation"
+    if doubt:
+        return f"UNRESOLVED: {', '.join(short_words(one.resonance.name) for one in doubt)}"
+    return "none at this depth" if option.tongues else ABSENT
+
+
+def undecided(one: TongueRow) -> bool:
+    """Whether it is open that a tongue is there at the depth of its row: no edges, and no onset above that depth."""
+    return not (math.isfinite(one.computed_half_width) or one.onset > one.depth or one.onset == 0.0)
+
+
+def absent(one: TongueRow) -> bool:
+    """Whether a row has no place in a table of tongues: none found up to the largest depth, or a mode grows anyway."""
+    return math.isnan(one.computed_half_width) and (one.onset == math.inf or one.onset == 0.0)
+
+
+def absent_words(option: OptionMap) -> tuple[str, ...]:
+    """The crossings without a tongue of their own, told together by reason."""
+    told: dict[str, list[str]] = {}
+    for one in option.tongues:
+        if absent(one):
+            told.setdefault(one.reason or "none found", []).append(short_words(one.resonance.name))
+    return tuple(f"{reason[:1].upper()}{reason[1:]}: {', '.join(names)}." for reason, names in told.items())
 
 
 def margin_words(margin: PeriodicMargin | None, scale: float, unit: str, *, digits: int = 3) -> str:
