@@ -29,7 +29,8 @@ Indices = NDArray[np.intp]
 
 @dataclass(frozen=True, eq=False, slots=True)
 class CellRows:
-    """Rows of a panel: growth and error (1/s), state, which pixels were filled in, and how many were computed."""
+    """Rows of a panel: growth and its error bound (1/s, NaN where filled in), state, which pixels were filled in, and
+    how many were computed."""
 
     growth: FloatArray
     error: FloatArray
@@ -39,14 +40,13 @@ class CellRows:
 
 
 def adaptive_rows(
-    pixels: PanelPixels, first: int, last: int, *, strength: float, resonances: bool = True
+    pixels: PanelPixels, first: int, last: int, *, strength: FloatArray
 ) -> CellRows:  # fmt: skip
     """The rows first..last of a panel by cells.
 
     Parameters
     ----------
-    strength : what the modulation can add to a growth rate at most, 1/s
-    resonances : whether cells are divided where resonances cross or multipliers meet; without, thin tongues are lost
+    strength : (columns,) what the modulation can add to a growth rate at most, 1/s
     """
     strip = _Strip(pixels, first, last)
     rows, columns = lattice(last - first, _STRIDE), lattice(pixels.columns, _STRIDE)
@@ -59,7 +59,7 @@ def adaptive_rows(
         cells = cells[divisible]
         divide = np.zeros(len(cells), dtype=np.bool_)
         for begin in range(0, len(cells), 1024):
-            divide[begin : begin + 1024] = strip.to_divide(cells[begin : begin + 1024], strength, resonances)
+            divide[begin : begin + 1024] = strip.to_divide(cells[begin : begin + 1024], strength)
         leaves.append(cells[~divide])
         cells = _divided(cells[divide])
         corners = _corners(cells)
@@ -103,7 +103,7 @@ class _Strip:
         self._period.append(corners.period)
         self._joined = None
 
-    def to_divide(self, cells: Indices, strength: float, resonances: bool) -> NDArray[np.bool_]:
+    def to_divide(self, cells: Indices, strength: FloatArray) -> NDArray[np.bool_]:
         """Cells whose corners differ in state, are near a change of state, or between which a resonance may hide."""
         if not len(cells):
             return np.zeros(0, dtype=np.bool_)
@@ -112,14 +112,13 @@ class _Strip:
         low, high = np.min(growth, axis=1), np.max(growth, axis=1)
         reach = high - low
         divide = np.any(state != state[:, :1], axis=1) | ((high + reach >= 0.0) & (low - reach <= 0.0))
-        if not resonances:
-            return np.asarray(divide)
         if self._joined is None:
             self._joined = tuple(np.concatenate(a) for a in (self._multipliers, self._mean, self._period))  # type: ignore[assignment]
         multipliers, mean, period = (a[self._place[i, j]] for a in self._joined)  # type: ignore[union-attr]
         quiet = ~divide & (state[:, 0] == STABLE)
         if np.any(quiet):
-            hidden = hiding(multipliers[quiet], mean[quiet], period[quiet], strength)
+            within = np.max(strength[j[quiet]], axis=1)
+            hidden = hiding(multipliers[quiet], mean[quiet], period[quiet], within)
             divide[quiet] = hidden
         return np.asarray(divide)
 
@@ -135,7 +134,6 @@ class _Strip:
             v = (across / max(width, 1))[None, None, :]
             at = _corners(here)
             growth = self.growth[at[..., 0], at[..., 1]]
-            bound = np.max(self.error[at[..., 0], at[..., 1]], axis=1) + np.ptp(growth, axis=1)
             corner = growth[:, :, None, None]
             mixed = (1 - u) * ((1 - v) * corner[:, 0] + v * corner[:, 1]) + u * (
                 (1 - v) * corner[:, 2] + v * corner[:, 3]
@@ -143,19 +141,20 @@ class _Strip:
             open_ = ~self.known[i, j]
             i, j = i[open_], j[open_]
             self.growth[i, j] = mixed[open_]
-            self.error[i, j] = np.broadcast_to(bound[:, None, None], open_.shape)[open_]
             same = self.state[here[:, 0], here[:, 2]]
             self.state[i, j] = np.broadcast_to(same[:, None, None], open_.shape)[open_]
 
 
-def hiding(multipliers: ComplexArray, mean: ComplexArray, period: FloatArray, strength: float) -> NDArray[np.bool_]:
+def hiding(
+    multipliers: ComplexArray, mean: ComplexArray, period: FloatArray, strength: FloatArray
+) -> NDArray[np.bool_]:
     """Whether an unstable spot may hide between four stable corners; (cells,).
 
     Parameters
     ----------
     multipliers, mean : (cells, 4, n) at the corners, the second ones eigenvalues of the mean system in 1/s
     period : (cells, 4) s
-    strength : what the modulation can add to a growth rate at most, 1/s
+    strength : (cells,) what the modulation can add to a growth rate at most, 1/s
     """
     phases = np.sort(np.abs(mean.imag) * period[..., None], axis=2)
     turned = np.max(np.ptp(phases, axis=1), axis=1)
@@ -167,13 +166,13 @@ def hiding(multipliers: ComplexArray, mean: ComplexArray, period: FloatArray, st
 
 
 def _meeting(
-    multipliers: ComplexArray, mean: ComplexArray, period: FloatArray, turned: FloatArray, strength: float
+    multipliers: ComplexArray, mean: ComplexArray, period: FloatArray, turned: FloatArray, strength: FloatArray
 ) -> NDArray[np.bool_]:
     """Cells where two multipliers, or one and its conjugate, may meet and grow beyond the unit circle."""
     size = np.log(np.maximum(np.abs(multipliers), 1e-300))
     angle = np.abs(np.angle(multipliers))
     upper = multipliers.imag >= -_REAL * np.abs(multipliers)
-    active = upper & (size + strength * period[..., None] > 0.0)
+    active = upper & (size + (strength[:, None] * period)[..., None] > 0.0)
     # real multipliers of overdamped modes stay on the axis: one positive real multiplier per real mean eigenvalue
     lasting = np.sum(np.abs(mean.imag) <= _REAL * np.abs(mean), axis=2)
     real = angle <= _REAL
@@ -207,7 +206,7 @@ def _can_grow(square: FloatArray, middle: FloatArray, turned: FloatArray) -> NDA
     return np.asarray((lifted > 0.0) & (apex > 0.0))
 
 
-def _crossed(mean: ComplexArray, period: FloatArray, strength: float) -> NDArray[np.bool_]:
+def _crossed(mean: ComplexArray, period: FloatArray, strength: FloatArray) -> NDArray[np.bool_]:
     """Cells that a line (w_i +- w_j)/k = W of the mean system crosses, unless damping outweighs the modulation."""
     w = np.where(mean.imag > _REAL * np.abs(mean), mean.imag, np.nan)
     order = np.argsort(w, axis=2)

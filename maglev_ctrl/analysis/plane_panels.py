@@ -175,7 +175,9 @@ def _fitted(
     short = shortened(series, allowed=0.1 * allowed)
     claimed = 2.0 * short.error + rounding
     period = plane_series(nodes.period, x=x, y=y)
+    # the mean system often depends on one direction only, or on none: one term there, evaluated once
     mean = plane_series(nodes.mean, x=x, y=y)
+    mean = shortened(mean, allowed=1e-12 * tails(mean.coefficients).largest)
     worst = 0 if counts[0] >= counts[1] else 1
     radius = np.max(
         np.abs(np.linalg.eigvals(nodes.monodromy[:: max(1, counts[0] // 6), :: max(1, counts[1] // 4)])), -1

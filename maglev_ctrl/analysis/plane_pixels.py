@@ -128,7 +128,7 @@ class PanelPixels:
         multipliers = np.linalg.eigvals(matrices).astype(np.complex128)
         leading = multipliers[np.arange(len(i)), np.argmax(np.abs(multipliers), axis=1)]
         period = _scattered(self.period, self._x, self._y, i, j)
-        mean = np.linalg.eigvals(_scattered(self.mean, self._x, self._y, i, j)).astype(np.complex128)
+        mean = self._mean_eigenvalues(i, j)
         abscissa = np.max(mean.real, axis=1)
         found = judged_pixels(matrices, leading, np.full(len(i), self._error), period, abscissa)
         return Corners(found, multipliers, mean, period)
@@ -136,6 +136,14 @@ class PanelPixels:
     def matrices(self, i: NDArray[np.intp], j: NDArray[np.intp]) -> FloatArray:
         """Monodromy matrices (k, n, n) at pixels."""
         return _scattered(self.series, self._x, self._y, i, j)
+
+    def _mean_eigenvalues(self, i: NDArray[np.intp], j: NDArray[np.intp]) -> ComplexArray:
+        """Eigenvalues of the mean system (k, n) at pixels, once for each place where it differs."""
+        terms = self.mean.coefficients.shape[:2]
+        places = np.stack([i if terms[0] > 1 else np.zeros_like(i), j if terms[1] > 1 else np.zeros_like(j)])
+        different, which = np.unique(places, axis=1, return_inverse=True)
+        values = np.linalg.eigvals(_scattered(self.mean, self._x, self._y, *different))
+        return np.asarray(values[which.ravel()], dtype=np.complex128)
 
     def _moduli(self, coefficients: FloatArray, basis: FloatArray) -> FloatArray:
         if self._engine.name == "numpy":
@@ -155,8 +163,7 @@ class PanelPixels:
             i, j = close[0][begin : begin + 4096], close[1][begin : begin + 4096]
             matrices = np.einsum("kl,klz->kz", self._basis[j], rows.reshape(*rows.shape[:2], -1)[i])
             stack = matrices.reshape(-1, *self.series.coefficients.shape[2:])
-            mean = _scattered(self.mean, self._x, self._y, first + i, j)
-            abscissa = np.max(np.linalg.eigvals(mean).real, axis=1)
+            abscissa = np.max(self._mean_eigenvalues(first + i, j).real, axis=1)
             errors = np.full(len(i), self._error)
             found = judged_pixels(stack, leading_eigenvalues(stack), errors, period[i, j], abscissa)
             growth[i, j], error[i, j], state[i, j] = found.growth, found.error, found.state

@@ -38,7 +38,7 @@ from maglev_ctrl.arrays import FloatArray, read_only, read_only_any
 from maglev_ctrl.errors import ModelError, OutOfDomain
 from maglev_ctrl.kernels.spectral_radius import RadiusEngine, leading_eigenvalues, radius_engine
 
-__all__ = ["Backend", "MapEstimate", "estimate", "stability_plane"]
+__all__ = ["Backend", "MapEstimate", "NothingKept", "estimate", "stability_plane"]
 
 Backend = Literal["numpy", "fast", "gpu"]
 MANY_PIXELS = 300_000  # above this many pixels the coverage "auto" computes only those that matter
@@ -63,14 +63,14 @@ class _Job:
         return f"{self.panel.rectangle.name}-{self.first}-{self.last}"
 
 
-class _NoStore:
-    """Keeps nothing."""
+class NothingKept:
+    """A store that keeps nothing."""
 
     def get(self, key: str) -> Mapping[str, FloatArray] | None:
-        return None
+        """Nothing."""
 
     def put(self, key: str, arrays: Mapping[str, FloatArray]) -> None:
-        pass
+        """Forget."""
 
 
 def stability_plane(
@@ -117,7 +117,7 @@ def stability_plane(
             )
         )  # fmt: skip
     engine = radius_engine(backend)
-    kept: MapStore = _NoStore() if store is None else store
+    kept: MapStore = NothingKept() if store is None else store
     adaptive = coverage == "adaptive" or (coverage == "auto" and len(x.values) * len(y.values) > MANY_PIXELS)
     canvas = _Canvas(
         family, x, y, engine, adaptive=adaptive, store=kept, progress=progress or (lambda text, done: None)
@@ -244,7 +244,8 @@ class _Canvas:
             }  # fmt: skip
         pixels = PanelPixels(job.panel, x, y, self.engine)
         if self.adaptive:
-            cells = adaptive_rows(pixels, job.first, job.last, strength=job.panel.strength)
+            share = np.abs(y) / np.max(np.abs(y)) if self.y.linear and np.any(y) else np.ones(len(y))
+            cells = adaptive_rows(pixels, job.first, job.last, strength=job.panel.strength * share)
             return {
                 "growth": cells.growth, "error": cells.error, "state": cells.state.astype(np.float64),
                 "interpolated": cells.interpolated.astype(np.float64),

@@ -111,7 +111,7 @@ class PlaneSeries:
 
 @dataclass(frozen=True, slots=True)
 class Tails:
-    """Norm of the last two coefficient slices in each direction and of the largest slice."""
+    """Norms of the coefficients of the last two slices in each direction, added up, and those of the largest slice."""
 
     x: float
     y: float
@@ -124,10 +124,16 @@ def tails(coefficients: FloatArray) -> Tails:
     For an entire function the coefficients fall faster than geometrically, so the last two kept ones exceed the sum of
     those left out once they fall at all.
     """
-    squares = np.sum(coefficients.reshape(*coefficients.shape[:2], -1) ** 2, axis=2)
-    along_x, along_y = np.sqrt(np.sum(squares, axis=1)), np.sqrt(np.sum(squares, axis=0))
+    norms = _norms(coefficients)
+    along_x, along_y = np.sum(norms, axis=1), np.sum(norms, axis=0)
     largest = float(np.max(along_x))
     return Tails(float(np.sum(along_x[-2:])), float(np.sum(along_y[-2:])), largest)
+
+
+def _norms(coefficients: FloatArray) -> FloatArray:
+    """Frobenius norm of each coefficient (m_x, m_y); their sum bounds the sum of the terms, as |T_k T_l| <= 1."""
+    flat = coefficients.reshape(*coefficients.shape[:2], -1)
+    return np.asarray(np.sqrt(np.einsum("klz,klz->kl", flat, flat)))
 
 
 def plane_series(values: FloatArray, *, x: Direction, y: Direction) -> PlaneSeries:
@@ -150,9 +156,7 @@ def shortened(series: PlaneSeries, *, allowed: float) -> PlaneSeries:
     """
     kept, dropped = series.coefficients, 0.0
     for axis in (0, 1):
-        squares = np.sum(kept.reshape(*kept.shape[:2], -1) ** 2, axis=2)
-        norms = np.sqrt(np.sum(squares, axis=1 - axis))
-        behind = np.cumsum(norms[::-1])[::-1]
+        behind = np.cumsum(np.sum(_norms(kept), axis=1 - axis)[::-1])[::-1]
         keep = max(1, int(np.count_nonzero(behind > 0.5 * allowed)))
         dropped += float(behind[keep]) if keep < len(behind) else 0.0
         kept = kept[:keep] if axis == 0 else kept[:, :keep]
