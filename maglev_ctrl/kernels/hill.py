@@ -16,6 +16,7 @@ from scipy.sparse.csgraph import connected_components
 from maglev_ctrl.arrays import ComplexArray, FloatArray
 from maglev_ctrl.kernels.checks import check_periodic
 
+_EPS = float(np.finfo(float).eps)
 _CLUSTER = 1e-6  # copies of one exponent agree to this, relative to the size of the problem
 _RESOLVED = 1e-8  # energy share allowed in the outermost harmonics of a copy that counts
 
@@ -25,13 +26,15 @@ class HillSpectrum:
     """Floquet exponents `exponents` (n,) 1/s, largest real part first, with `vectors` (n, 2N+1, n).
 
     `vectors[i, k]` is the amplitude of harmonic k - N of solution i. The imaginary part is that of the most central
-    copy, not folded. `change` (n,) is the last change under refinement, `harmonics` is N.
+    copy, not folded. `change` (n,) is what further harmonics change, or the last change under refinement where that is
+    smaller; `error` (n,) bounds the error of each exponent, truncation and rounding, 1/s; `harmonics` is N.
     """
 
     exponents: ComplexArray
     vectors: ComplexArray
     harmonics: int
     change: FloatArray
+    error: FloatArray
     converged: bool
 
 
@@ -68,7 +71,10 @@ def hill_spectrum(
     A_0: FloatArray, A_cos: FloatArray, A_sin: FloatArray, *, frequency: float, tolerance: float = 1e-11,
     max_size: int = 700,
 ) -> HillSpectrum:  # fmt: skip
-    """The n Floquet exponents by Hill's method, harmonics added until they stop changing.
+    """The n Floquet exponents by Hill's method, harmonics added until more of them change nothing.
+
+    With right and left vectors the change that the next harmonics would make is known to first order: what the
+    outermost amplitudes excite beyond the edge and send back. Only where that is not small are harmonics added.
 
     Parameters
     ----------
@@ -97,11 +103,16 @@ def hill_spectrum(
     last: HillSpectrum | None = None
     while n * (2 * harmonics + 1) <= max_size or last is None:
         matrix = hill_matrix(A_0, A_cos, A_sin, frequency=frequency, harmonics=harmonics)
-        values, vectors = linalg.eig(_real_form(matrix, n), overwrite_a=True, check_finite=False)
+        values, left, vectors = linalg.eig(  # type: ignore[misc]  # the stubs know two results only
+            _real_form(matrix, n), left=True, overwrite_a=True, check_finite=False
+        )
         shaped = _amplitudes(vectors.T.reshape(-1, 2 * harmonics + 1, n))
         picked = _pick(values, shaped, n, H, frequency)
         if picked and _trace_fits(values[picked], trace, frequency):
-            last = _record(values[picked], shaped[picked], harmonics, frequency, tolerance, last)
+            found = values[picked], shaped[picked], _amplitudes(left.T[picked].reshape(n, -1, n))
+            beyond = _beyond(*found, A_0, A_cos, A_sin, frequency)
+            rounding = _rounding(found[1], found[2], float(np.max(np.sum(np.abs(matrix), axis=1))))
+            last = _record(*found[:2], beyond, rounding, harmonics, frequency, tolerance, last)
             if last.converged:
                 return last
         elif last is None and n * (2 * harmonics + 1) > max_size:
@@ -110,7 +121,7 @@ def hill_spectrum(
     if last is not None:
         return last
     lost = np.full(n, np.inf)
-    return HillSpectrum(lost * complex(np.nan), np.zeros((n, 1, n), dtype=complex), harmonics, lost, False)
+    return HillSpectrum(lost * complex(np.nan), np.zeros((n, 1, n), dtype=complex), harmonics, lost, lost, False)
 
 
 def _real_form(matrix: ComplexArray, n: int) -> FloatArray:
@@ -144,19 +155,55 @@ def _amplitudes(parts: ComplexArray) -> ComplexArray:
 
 
 def _record(
-    values: ComplexArray, vectors: ComplexArray, harmonics: int, frequency: float, tolerance: float,
-    last: HillSpectrum | None,
+    values: ComplexArray, vectors: ComplexArray, beyond: FloatArray, rounding: FloatArray, harmonics: int,
+    frequency: float, tolerance: float, last: HillSpectrum | None,
 ) -> HillSpectrum:  # fmt: skip
     """One refinement step on record: settled when the change is small, or small and no longer falling (rounding)."""
     order = np.argsort(-values.real, kind="stable")
-    found = values[order]
+    found, beyond, rounding = values[order], beyond[order], rounding[order]
     scale = np.maximum(frequency, np.abs(found))
-    if last is None:
-        return HillSpectrum(found, vectors[order], harmonics, np.full(len(found), np.inf), False)
-    change = folded_distance(found, last.exponents, frequency)
-    stalled = bool(np.all(change <= 1e-6 * scale)) and float(np.max(change)) > 0.3 * float(np.max(last.change))
+    change, stalled = beyond, False
+    if last is not None:
+        moved = folded_distance(found, last.exponents, frequency)
+        change = np.minimum(beyond, moved)
+        stalled = bool(np.all(change <= 1e-6 * scale)) and float(np.max(change)) > 0.3 * float(np.max(last.change))
     settled = stalled or bool(np.all(change <= tolerance * scale))
-    return HillSpectrum(found, vectors[order], harmonics, change, settled)
+    # what moves one of two nearly equal exponents by more than its root moves them apart no further than that
+    lost = 2.0 * change + rounding
+    error = np.minimum(lost, change + 10.0 * np.sqrt(scale * np.minimum(lost, _EPS * scale * len(vectors[0]) ** 2)))
+    return HillSpectrum(found, vectors[order], harmonics, change, np.asarray(error), settled)
+
+
+def _beyond(
+    values: ComplexArray, right: ComplexArray, left: ComplexArray, A_0: FloatArray, A_cos: FloatArray,
+    A_sin: FloatArray, frequency: float,
+) -> FloatArray:  # fmt: skip
+    """First-order change of each exponent by the harmonics just beyond the edge, 1/s.
+
+    Harmonic k > N of a solution is excited by the inner ones, p_k = (s - A_0 + i k W)^-1 sum_l A_(k-l) p_l, and acts
+    back on them through the left vector.
+    """
+    n, band, reach = len(A_0), len(A_cos), right.shape[1] // 2
+    upper = 0.5 * (A_cos - 1j * A_sin)
+    overlap = np.abs(np.sum(left.conj() * right, axis=(1, 2)))
+    total = np.zeros(len(values), dtype=complex)
+    for side, into, back in ((1, upper, upper.conj()), (-1, upper.conj(), upper)):
+        for step in range(1, band + 1):
+            k = side * (reach + step)
+            driven, returned = np.zeros((2, len(values), n), dtype=complex)
+            for q in range(step, band + 1):
+                inner = reach + k - side * q
+                driven += right[:, inner] @ into[q - 1].T
+                returned += left[:, inner].conj() @ back[q - 1]
+            resolvent = (values + 1j * k * frequency)[:, None, None] * np.eye(n) - A_0
+            total += np.sum(returned * np.linalg.solve(resolvent, driven[..., None])[..., 0], axis=1)
+    return np.asarray(np.abs(total) / np.maximum(overlap, 1e-300))
+
+
+def _rounding(right: ComplexArray, left: ComplexArray, size: float) -> FloatArray:
+    """Backward error of the eigenvalues times the condition of each, 1/s."""
+    overlap = np.abs(np.sum(left.conj() * right, axis=(1, 2)))
+    return np.asarray(_EPS * size * np.sqrt(right[0].size) / np.maximum(overlap, 1e-300))
 
 
 def _trace_fits(values: ComplexArray, trace: float, frequency: float) -> bool:
