@@ -28,6 +28,7 @@ OWN = "the option's own gain"
 SAME = 1e-6  # relative difference below which two gains are the same
 _HARMONICS_BELOW = 1e-6  # harmonics of the gain that together stay below this share are left out of the loop
 _AGREE = 1e-6  # relative difference of the spectral radii by which the map's loop may differ from the certificate's
+_KEPT_AT_MOST = 1024  # open plants kept for other depths
 
 Draw = Callable[[PeriodicFamily], StabilityPlane]
 
@@ -90,9 +91,12 @@ class LawFamily:
         ModelError : there is no equilibrium
         OutOfDomain : the forces are not known there
         """
-        if x not in self._open:
-            self._open[x] = open_plant(self.model, self.vehicle, x)
-        return self.law.close(*self._open[x], y)
+        known = self._open.get(x)
+        if known is None:
+            known = open_plant(self.model, self.vehicle, x)
+            if len(self._open) < _KEPT_AT_MOST:
+                self._open[x] = known
+        return self.law.close(*known, y)
 
 
 def periodic_law_study(

@@ -10,12 +10,14 @@ import pytest
 
 import maglev_ctrl.study.periodic_law as law_module
 from maglev_ctrl.analysis.floquet import floquet
-from maglev_ctrl.analysis.plane_records import PeriodicFamily, StabilityPlane
+from maglev_ctrl.analysis.plane_records import STABLE, UNSTABLE, PeriodicFamily, StabilityPlane
 from maglev_ctrl.kernels.fourier_matrix import FourierMatrix
 from maglev_ctrl.scenario import Scenario
-from maglev_ctrl.study.forcing import Forcing, at_depth
+from maglev_ctrl.study.forcing import Forcing, at_depth, slowed_vehicle
 from maglev_ctrl.study.law import design_law
+from maglev_ctrl.study.map.option import _periodic_law
 from maglev_ctrl.study.map.records import PeriodicLawStudy
+from maglev_ctrl.study.map.request import map_request
 from maglev_ctrl.study.periodic_law import (
     OWN,
     LawFamily,
@@ -161,6 +163,49 @@ def test_the_plane_is_drawn_of_a_family_over_speed_and_depth(shaken: Case) -> No
     assert found is not None and found.plane is plane
     still = seen[0](scenario.operating.speed, 0.0)
     assert not np.any(still.A_cos) and np.max(np.linalg.eigvals(still.A_0).real) < 0.0
+
+
+@pytest.fixture(scope="module")
+def maps(shaken: Case) -> tuple[PeriodicLawStudy, PeriodicLawStudy]:
+    """The law with its map over speed and depth, and over depth and speed."""
+    scenario, model, design = shaken
+    axes = ("speed=370km/h:400km/h:7", "depth=0:0.5:6")
+    requests = [map_request(scenario, x=x, y=y, periodic_law=True) for x, y in (axes, axes[::-1])]
+    first, second = (_periodic_law(model, request, design, 1)[0] for request in requests)
+    assert first is not None and second is not None
+    return first, second
+
+
+def test_the_plane_of_the_law_agrees_with_both_engines(
+    shaken: Case, maps: tuple[PeriodicLawStudy, PeriodicLawStudy]
+) -> None:
+    _, model, design = shaken
+    law = maps[0]
+    assert law.plane is not None and law.comparison is not None and law.unresolved == ""
+    vehicle = slowed_vehicle(model.vehicle())
+    measured, commands = design.controller.measured, design.controller.commands
+    family = LawFamily(model, vehicle, PhaseLockedLaw(law.comparison.periodic.gain, measured, commands, DEPTH), {})
+    for i in (0, 3, 6):
+        for j in (1, 5):
+            known = floquet(family(float(law.plane.x.values[i]), float(law.plane.y.values[j])))
+            assert law.plane.state[i, j] == (STABLE if known.stable else UNSTABLE)
+            assert law.plane.growth[i, j] == pytest.approx(known.growth_rate, abs=1e-3)
+
+
+def test_the_axes_of_the_laws_map_may_be_turned(maps: tuple[PeriodicLawStudy, PeriodicLawStudy]) -> None:
+    first, second = maps
+    assert first.plane is not None and second.plane is not None
+    assert second.plane.x.name == "depth"
+    np.testing.assert_array_equal(first.plane.state, second.plane.state.T)
+    np.testing.assert_allclose(first.plane.growth, second.plane.growth.T, atol=1e-6)
+
+
+def test_over_other_quantities_the_law_is_compared_without_a_map(shaken: Case) -> None:
+    scenario, model, design = shaken
+    request = map_request(scenario, x="speed=370km/h:400km/h:3", y="payload=0t:3t:3", periodic_law=True)
+    found, note = _periodic_law(model, request, design, 1)
+    assert found is not None and found.comparison is not None and found.plane is None
+    assert "over speed and depth only" in note
 
 
 def test_a_certificate_that_fails_leaves_no_plane(shaken: Case, monkeypatch: pytest.MonkeyPatch) -> None:
