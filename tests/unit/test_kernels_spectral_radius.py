@@ -272,10 +272,10 @@ def test_forgotten_rounding_mutant_is_caught(monkeypatch: pytest.MonkeyPatch) ->
     assert (NumpyRadius().decide(*one_each(matrices), 1.0, 1.0) != 0).any()
 
 
-def test_missing_dimension_mutant_is_caught() -> None:
+def test_missing_dimension_mutant_is_caught(engine: RadiusEngine) -> None:
     """The trace proof needs |tr M^N| > n r^N: with r^N alone, four stable multipliers 0.9 would count as unstable."""
     matrices = np.array([0.9 * np.eye(4)])
-    assert NumpyRadius().decide(*one_each(matrices), 1e-9, 1.0)[0] == 0
+    assert engine.decide(*one_each(matrices), 1e-9, 1.0)[0] == 0
     assert abs(np.trace(matrices[0])) > 1.0
 
 
