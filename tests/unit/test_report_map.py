@@ -18,7 +18,7 @@ from maglev_ctrl.analysis.first_instability import PeriodicMargin
 from maglev_ctrl.analysis.plane_records import NO_ANSWER, STABLE, UNRESOLVED, UNSTABLE, MapAxis, StabilityPlane
 from maglev_ctrl.analysis.resonance import NO_RESONANCE, make_resonance
 from maglev_ctrl.errors import Agreement
-from maglev_ctrl.report.chart import Bars, Cells, Chart, Heat, Line, Note
+from maglev_ctrl.report.chart import Bars, Cells, Chart, Heat, Line, Marks, Note
 from maglev_ctrl.report.charts_periodic import short_words
 from maglev_ctrl.report.interactive import interactive
 from maglev_ctrl.report.labels import Anchor, Room, placed
@@ -192,6 +192,15 @@ def test_the_boundary_separates_what_the_states_separate() -> None:
 def test_nothing_is_drawn_around_what_is_not_decided() -> None:
     plane = marked(flat_plane((30, 20)), (slice(10, 20), slice(5, 9)), UNRESOLVED, 0.5)
     assert boundary(picture(plane))[0].size == 0
+
+
+def test_a_single_undecided_point_gets_a_mark_that_can_be_seen(study: MapStudy) -> None:
+    plane = marked(flat_plane((200, 150)), (120, 40), UNRESOLVED, -0.1)
+    option, x, y = on(study, marked(plane, (slice(10, 60), slice(10, 60)), UNRESOLVED, -0.1))
+    assert option.plane is not None
+    (mark,) = [m for m in items_of(map_chart(option, option.plane, x, y), Marks) if m.label.startswith("UNRESOLVED")]
+    assert mark.x.tolist() == [pytest.approx(3.6 * plane.x.values[120])]
+    assert mark.y.tolist() == [pytest.approx(100.0 * plane.y.values[40])]
 
 
 # --- names ------------------------------------------------------------------------------------------------------------

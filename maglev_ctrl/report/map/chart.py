@@ -10,7 +10,7 @@ import numpy as np
 from maglev_ctrl.analysis.plane_records import NO_ANSWER, STABLE, UNRESOLVED, UNSTABLE, StabilityPlane
 from maglev_ctrl.report.chart import Axis, Cells, Chart, Heat, Item, Line, Marks, Panel
 from maglev_ctrl.report.labels import Anchor, Room, placed
-from maglev_ctrl.report.map.picture import Picture, boundary, picture, region_anchors
+from maglev_ctrl.report.map.picture import Picture, boundary, picture, region_anchors, small_parts
 from maglev_ctrl.report.map.words import percent, reasons, scan_words
 from maglev_ctrl.report.raster import outer_edges
 from maglev_ctrl.report.style import ON_MAP, number
@@ -19,6 +19,8 @@ from maglev_ctrl.study.map.records import MapQuantity, OptionMap
 _GREY: Final = "#9b9b9b"
 _PALE: Final = "#f4f4f4"
 _STRONG: Final = "#f98c0a"
+_HATCHABLE: Final = 5e-4  # of the picture: in a smaller part no hatch can be seen
+_MOST_SPECKS: Final = 200
 _MOST_NAMES: Final = 24
 _MOST_IN_PAIR: Final = 4
 _SIZE: Final = (5.2, 3.4)  # in, of a map alone
@@ -143,6 +145,9 @@ def _colours(shown: Picture, limits: tuple[float, float], *, scales: bool) -> li
     ):
         if mask.any():
             items.append(Cells(shown.x, shown.y, mask, words, tint, hatched))
+    specks = small_parts(shown, shown.where(UNRESOLVED), least=_HATCHABLE, most=_MOST_SPECKS)
+    if specks[0].size:
+        items.append(Marks(*specks, "cross", "UNRESOLVED, a few points", ON_MAP, 3.5))
     return items
 
 

@@ -124,6 +124,21 @@ def region_anchors(shown: Picture, plane: StabilityPlane) -> list[Anchor]:
     ]
 
 
+def small_parts(shown: Picture, mask: NDArray[np.bool_], *, least: float, most: int) -> tuple[FloatArray, FloatArray]:
+    """Middles x, y of the connected parts of a mask that are smaller than a share of the picture, `most` at most."""
+    from scipy import ndimage
+
+    parts, count = ndimage.label(mask, structure=np.ones((3, 3)))
+    sizes = np.bincount(parts.ravel(), minlength=count + 1)[1:]
+    small = 1 + np.flatnonzero(sizes < least * mask.size)
+    if not small.size:
+        return np.zeros(0), np.zeros(0)
+    chosen = small[np.unique(np.linspace(0, small.size - 1, min(most, small.size)).astype(int))]
+    middles = np.array(ndimage.center_of_mass(mask, parts, chosen))
+    at = np.rint(middles).astype(int)
+    return shown.x[at[:, 1]], shown.y[at[:, 0]]
+
+
 def region_words(name: str) -> str:
     """The short name of a region as the map shows it; "none" where no resonance is behind it.
 

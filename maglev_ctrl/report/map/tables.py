@@ -37,7 +37,7 @@ def place_table(option: OptionMap, speed: tuple[float, str], depth_words: str) -
         if not absent(one)
     )  # fmt: skip
     heads = (
-        "Tongue", "Kind", "First-order centre", "First-order width", "Computed centre", "Computed width",
+        "Tongue", "Kind", "Hsu's centre", "Hsu's width", "Computed centre", "Computed width",
         "Widths differ by", "From depth", "Peak growth (1/s)", "Needs, or why missing",
     )  # fmt: skip
     caption = (
