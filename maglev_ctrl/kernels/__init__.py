@@ -4,7 +4,7 @@ from maglev_ctrl.kernels.chebyshev import ChebyshevSeries, chebyshev_series
 from maglev_ctrl.kernels.checks import check_periodic
 from maglev_ctrl.kernels.hill import HillSpectrum, hill_matrix, hill_pair, hill_spectrum
 from maglev_ctrl.kernels.periodic_qr import PeriodicMultipliers, periodic_multipliers
-from maglev_ctrl.kernels.piecewise import piecewise_propagators
+from maglev_ctrl.kernels.piecewise import piecewise_error, piecewise_propagators
 from maglev_ctrl.kernels.scaling import balance, eigen_triplets, rescale
 from maglev_ctrl.kernels.taylor import (
     TaylorPlan,
@@ -28,6 +28,7 @@ __all__ = [
     "hill_spectrum",
     "monodromy_over_depths",
     "periodic_multipliers",
+    "piecewise_error",
     "piecewise_propagators",
     "propagators_over_depths",
     "rescale",
