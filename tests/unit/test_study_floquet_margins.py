@@ -184,10 +184,16 @@ def test_the_table_shows_bracket_tongue_and_what_the_number_is(asked: OptionStud
     assert list(rows) == ["Depth of modulation", "Speed down", "Speed up"]
     depth = rows["Depth of modulation"]
     shown, half = (float(part.split()[0]) for part in depth[1].split("±"))
-    assert abs(shown - 50.0 * (found.depth.safe + found.depth.unsafe)) <= 1e-3 and half < 1e-2
+    # what is told holds the bracket
+    assert shown - half <= 100.0 * found.depth.safe < 100.0 * found.depth.unsafe <= shown + half and half < 1e-2
     assert depth[2] == f"factor {number(found.depth.safe / DEPTH)}"
     assert depth[3] == "exact" and found.depth.tongue.name in depth[4]
     assert rows["Speed down"][3] == "at least" and rows["Speed down"][1].startswith("none as far as 60.0 km/h")
+    halved = replace(EXACT, quantity="gain factor", nominal=1.0, safe=0.5, unsafe=0.4999)
+    gained = floquet_margin_blocks("LQR", replace(found, gain=(halved, MOST)), "", expected_depth=DEPTH)[0]
+    assert isinstance(gained, Table)
+    assert [cell.text for cell in gained.rows[1]][:3] == ["Gain factor down", "0.49995 ± 0.00005", "−6.02 dB"]  # noqa: RUF001
+    assert gained.rows[2][3].text == "at most"
     doubtful = replace(found, depth=replace(found.depth, agreement=Agreement.UNRESOLVED, reason="they differ"))
     doubt = floquet_margin_blocks("Damper", doubtful, "", expected_depth=DEPTH)[0]
     assert isinstance(doubt, Table)
