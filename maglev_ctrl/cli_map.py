@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -162,12 +163,14 @@ def _print_quantities(read: Scenario) -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    from maglev_ctrl.scenario.quantity_paths import display_unit, scenario_quantities
+    from maglev_ctrl.scenario.quantity_paths import DEPTH, display_unit, scenario_quantities
 
     table = Table("quantity", "own value", "what it is")
     for quantity in scenario_quantities(read):
         unit, scale = display_unit(quantity, quantity.value)
-        value = "not set" if quantity.value != quantity.value else f"{quantity.value * scale:.6g} {unit}".rstrip()
+        value = f"{quantity.value * scale:.6g} {unit}".rstrip()
+        if math.isnan(quantity.value):
+            value = "from the sources" if quantity.name == DEPTH else "not set"
         table.add_row(escape(quantity.name), value, escape(quantity.label))
     console().print(table)
 
