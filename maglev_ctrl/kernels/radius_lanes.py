@@ -259,11 +259,12 @@ def _estimate(distance: float, size: float, rest: float, n: int, squarings: int,
     """
     count = 2.0**squarings
     logarithm = history[squarings] / count + math.log2(size) / count
-    loss = 0.0
+    loss, condition, power = 0.0, 0.0, 1.0
     for level in range(squarings + 1):
-        loss += 2.0 ** (history[level] - level - 2.0**level * logarithm)
+        growth = 2.0 ** (history[level] - power * logarithm)
+        loss, condition, power = loss + growth / power, max(condition, growth), 2.0 * power
     truncation = rest / size**3
-    rounding = SAFETY * n * ROUNDING * (1.0 / size**2 + count * loss / size)
+    rounding = SAFETY * n * ROUNDING * (1.0 / size**2 + count * loss * condition)
     error = truncation + rounding
     apart = max(math.sqrt(abs(distance)) / size, math.sqrt(error))
     amplified = 2.0 * error / apart

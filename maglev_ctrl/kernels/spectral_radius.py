@@ -6,10 +6,11 @@ Moduli. After k squarings all but the two leading multipliers are negligible bes
 from the traces: with e_1 = tr P and e_2 = (tr(P)^2 - tr(P^2)) / 2 they are the roots of x^2 - e_1 x + e_2. That no
 third one hides is proved by R = P^3 - e_1 P^2 + e_2 P: every eigenvalue x of P has |x (x - x_1) (x - x_2)| <= |R|.
 The 2^k-th root divides every relative error of x_1 by 2^k. Rounding: a product of n by n matrices of norm 1 errs by at
-most g = n u in norm; made at level j it moves an eigenvalue x_j of P_j by c g, with c = 1/|x_k| the size of the
-projector onto its direction (|P_k| is about 1), so the modulus errs relatively by about the sum over j of
-c g / (2^j |x_j|). The j = 0 term, c g |M| / rho, is what eigenvalue solvers lose too. A modulus is called sure when
-twice this sum and the truncation stay below `ACCURACY`; that is a first-order estimate, not a proof.
+most g = n u in norm; made at level j it moves an eigenvalue x_j of P_j by c g, with c the size of the projector onto
+its direction, so the modulus errs relatively by about the sum over j of c g / (2^j |x_j|). For c stands the largest
+1/|x_j| so far (|P_j| is about 1; at one level alone the projectors of a pair may cancel). The j = 0 term,
+c g |M| / rho, is what eigenvalue solvers lose too. A modulus is called sure when twice this sum and the truncation stay
+below `ACCURACY`; that is a first-order estimate, not a proof.
 
 Decisions. |M^N| < r^N proves rho < r, and |tr M^N| > n r^N proves rho > r. Here the rounding bound is a proof: with
 |P_k - exact| <= E_k, E_(k+1) = (2 E_k |P_k| + E_k^2 + g |P_k|^2) / 2^shift, started with the rounding of the series.
@@ -133,9 +134,10 @@ def verified_modulus(
     rest = square @ matrix - first[:, None, None] * square + product[:, None, None] * matrix
     logarithm = exponent / count + xp.log2(largest) / count
     level = xp.arange(1.0 * len(history))[:, None]
-    loss = xp.sum(xp.exp2(history - level - 2.0**level * logarithm), axis=0)
+    growth = xp.exp2(history - 2.0**level * logarithm)  # |M^(2^j)| / rho^(2^j), at most twice too large
+    condition, loss = xp.max(growth, axis=0), xp.sum(growth / 2.0**level, axis=0)
     truncation = _norm(xp, rest) / largest**3
-    rounding = SAFETY * n * ROUNDING * (1.0 / largest**2 + count * loss / largest)
+    rounding = SAFETY * n * ROUNDING * (1.0 / largest**2 + count * loss * condition)
     error = truncation + rounding
     apart = xp.maximum(xp.sqrt(xp.abs(distance)) / largest, xp.sqrt(error))
     # of a pair known to be complex the product alone counts; its error does not grow as the two meet

@@ -159,6 +159,24 @@ def test_jordan_blocks_are_never_sure_and_wrong(engine: RadiusEngine) -> None:
         assert wrong_by(modulus[0], 0.9) < 1e-3
 
 
+def test_projectors_that_cancel_at_one_level_do_not_hide_the_condition(engine: RadiusEngine) -> None:
+    """Complex pairs of condition 2000: after some squarings P looks like the identity, and its norm tells nothing."""
+    rng = np.random.default_rng(17)
+    angle, modulus = rng.uniform(0.0, np.pi, 30_000), rng.uniform(0.5, 1.0, 30_000)
+    turn = np.array([[1.0, 1.0], [1.0, 1.002]])
+    blocks = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]).transpose(2, 0, 1)
+    matrices = turn @ (modulus[:, None, None] * blocks) @ np.linalg.inv(turn)
+    a, b, c, d = (matrices[:, i, j].astype(np.longdouble) for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)))
+    distance = (a - d) ** 2 + 4.0 * b * c
+    pairs = distance < 0.0
+    exact = np.sqrt(np.abs(a * d - b * c))
+    basis = matrices.reshape(-1, 4)
+    found, sure = engine.moduli(np.eye(4).reshape(4, 2, 2), basis)
+    error = np.abs(found / exact - 1.0)[sure & pairs]
+    assert len(error) > 50
+    assert np.max(error) < PROMISE
+
+
 def test_not_normal_matrices(engine: RadiusEngine) -> None:
     """Large transient growth costs digits: what is still sure is right."""
     rng = np.random.default_rng(11)
