@@ -364,6 +364,25 @@ def test_the_smallest_depth_is_read_off_the_map(study: MapStudy) -> None:
     assert critical_depth_words(swapped, turned) == "30.0 % at 180 km/h"
 
 
+def test_a_tongue_between_the_points_of_the_map_is_told(study: MapStudy) -> None:
+    option = study.options[0]
+    here = next(one for one in option.tongues if one.peak_growth > 0.0)
+    plane = marked(flat_plane((11, 6)), (4, slice(3, None)), UNSTABLE, 0.1)
+    thin = replace(here, computed_centre=52.0, onset=0.05)
+    told = critical_depth_words(study, plane, (thin,))
+    assert told.startswith("5.00 % at 187 km/h (2 w") and told.endswith("on the map 30.0 % at 180 km/h")
+    empty = critical_depth_words(study, flat_plane((11, 6)), (thin,))
+    assert empty.startswith("5.00 %") and "on the map none up to 50.0 %" in empty
+    assert critical_depth_words(study, plane, (replace(thin, onset=0.35),)) == "30.0 % at 180 km/h"
+    one, x, y = on(study, plane)
+    (tip,) = [
+        mark for mark in items_of(map_chart(replace(one, tongues=(thin,)), plane, x, y), Marks) if "tip" in mark.label
+    ]
+    assert (tip.x.tolist(), tip.y.tolist()) == ([pytest.approx(187.2)], [pytest.approx(5.0)])
+    mass = replace(study.x, quantity="payload", unit="t", label="payload")
+    assert critical_depth_words(replace(study, x=mass), plane, (thin,)) == "30.0 % at 180 t"
+
+
 def test_widths_are_compared_with_their_sign(study: MapStudy) -> None:
     row = next(one for one in study.options[0].tongues if one.computed_half_width > 0.0)
     wide = replace(row, first_order_half_width=1.1 * row.computed_half_width)

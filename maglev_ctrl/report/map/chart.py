@@ -8,10 +8,12 @@ from typing import Final
 import numpy as np
 
 from maglev_ctrl.analysis.plane_records import NO_ANSWER, STABLE, UNRESOLVED, UNSTABLE, StabilityPlane
+from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.report.chart import Axis, Cells, Chart, Heat, Item, Line, Marks, Panel
+from maglev_ctrl.report.charts_periodic import short_words
 from maglev_ctrl.report.labels import Anchor, Room, placed
 from maglev_ctrl.report.map.picture import Picture, boundary, picture, region_anchors, small_parts
-from maglev_ctrl.report.map.words import percent, reasons, scan_words
+from maglev_ctrl.report.map.words import depth_axis, percent, reasons, scan_words, tips
 from maglev_ctrl.report.raster import outer_edges
 from maglev_ctrl.report.style import ON_MAP, number
 from maglev_ctrl.study.map.records import MapQuantity, OptionMap
@@ -33,8 +35,12 @@ def map_chart(option: OptionMap, plane: StabilityPlane, x: MapQuantity, y: MapQu
     """The map of one option."""
     shown = picture(plane, scale=(x.scale, y.scale))
     anchors = region_anchors(shown, plane)
-    panel, hidden = _panel(shown, anchors, x, y, limits=_limits([shown]), size=_SIZE)
+    marks = _tips(option, plane, x, y)
+    panel, hidden = _panel(shown, anchors, x, y, limits=_limits([shown]), size=_SIZE, more=marks)
     signs = _legend_words(shown, plane, anchors, hidden)
+    if marks:
+        signs += " A triangle is the tip of a tongue found on its own: where the map shows none, it is narrower than "
+        signs += "the step between the map's points."
     return Chart(
         key=f"{option.name}-map", caption=f"Stability of {option.label} over {x.label} and {y.label}. {signs}",
         alt=_alt(option, plane, anchors, x, y), panels=(panel,), row_heights=(_SIZE[1],), legend="bottom",
@@ -103,7 +109,7 @@ def _limits(shown: Sequence[Picture]) -> tuple[float, float]:
 
 def _panel(
     shown: Picture, anchors: list[Anchor], x: MapQuantity, y: MapQuantity, *, limits: tuple[float, float],
-    size: tuple[float, float], title: str = "", last: bool = True,
+    size: tuple[float, float], title: str = "", last: bool = True, more: tuple[Item, ...] = (),
 ) -> tuple[Panel, int]:  # fmt: skip
     """One map and the number of regions without a name in it; the `last` of a row has the scales of its colours."""
     x_limits, y_limits = outer_edges(shown.x), outer_edges(shown.y)
@@ -118,7 +124,7 @@ def _panel(
     names, left_out = placed(anchors[:most], room, taken=words, line=ON_MAP)
     beside = bool(title) and last  # of two maps over the same axes the left one names them
     axes = Axis(axis_words(x), limits=x_limits), Axis("" if beside else axis_words(y), limits=y_limits)
-    return Panel((*items, *names), *axes, title=title), left_out + max(0, len(anchors) - most)
+    return Panel((*items, *more, *names), *axes, title=title), left_out + max(0, len(anchors) - most)
 
 
 def _colours(shown: Picture, limits: tuple[float, float], *, scales: bool) -> list[Item]:
@@ -149,6 +155,23 @@ def _colours(shown: Picture, limits: tuple[float, float], *, scales: bool) -> li
     if specks[0].size:
         items.append(Marks(*specks, "cross", "UNRESOLVED, a few points", ON_MAP, 3.5))
     return items
+
+
+def _tips(option: OptionMap, plane: StabilityPlane, x: MapQuantity, y: MapQuantity) -> tuple[Item, ...]:
+    """Where the tongues of the option's table begin, on a map over speed and depth."""
+    found = [one for one in tips(option.tongues, plane, x, y) if one[1] <= float(_depths(plane, x, y)[-1])]
+    if not found:
+        return ()
+    speed, depth = np.array([one[0] for one in found]), np.array([one[1] for one in found])
+    upright = depth_axis(plane, x, y) == "y"
+    across, up = (speed, depth) if upright else (depth, speed)
+    hover = tuple(f"{short_words(name)}: from {number(100.0 * onset, '%')}" for _, onset, name in found)
+    words = "tip of a tongue"
+    return (Marks(across * x.scale, up * y.scale, "triangle", words, ON_MAP, 3.5, hover),)
+
+
+def _depths(plane: StabilityPlane, x: MapQuantity, y: MapQuantity) -> FloatArray:
+    return plane.y.values if depth_axis(plane, x, y) == "y" else plane.x.values
 
 
 def _design(

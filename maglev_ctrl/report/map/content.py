@@ -14,6 +14,7 @@ from maglev_ctrl.report.map.words import (
     HOW_TO_READ,
     absent_words,
     critical_depth_words,
+    is_speed,
     margin_words,
     missed_words,
     option_sentence,
@@ -24,7 +25,7 @@ from maglev_ctrl.report.map.words import (
 )
 from maglev_ctrl.report.model import Banner, Block, Bullets, Cell, FigureBlock, Paragraph, Report, Section, Table, row
 from maglev_ctrl.report.style import ABSENT, number
-from maglev_ctrl.study.map.records import MapQuantity, MapStudy, OptionMap
+from maglev_ctrl.study.map.records import MapStudy, OptionMap
 
 _KILOMETRES_PER_HOUR = 3.6
 METHOD = (
@@ -62,11 +63,6 @@ def speed_unit(study: MapStudy) -> tuple[float, str]:
     return _KILOMETRES_PER_HOUR, "km/h"
 
 
-def is_speed(quantity: MapQuantity) -> bool:
-    """Whether a quantity is the vehicle's speed, told by its unit too: a speed of rotation is not one."""
-    return "speed" in quantity.quantity.lower() and quantity.unit.replace(" ", "") in ("m/s", "km/h")
-
-
 def depth_words(study: MapStudy) -> str:
     """The expected depth."""
     return f"the expected depth of {number(100.0 * study.depth, '%')}"
@@ -99,7 +95,7 @@ def comparison_table(study: MapStudy) -> Table:
         rows.append(row(
             option.label,
             "no map" if plane is None else share(option, UNSTABLE), doubt,
-            option.failure or "no map" if plane is None else critical_depth_words(study, plane),
+            option.failure or "no map" if plane is None else critical_depth_words(study, plane, option.tongues),
             ranges_words(option.atlas, speed, "go"), worst_tongue(option),
             margin_words(None if margins is None else margins.depth, 100.0, "%"),
             _pair_words(option, gain, 1.0, ""), _pair_words(option, over_speed, *speed),

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from maglev_ctrl.analysis.first_instability import PeriodicMargin
-from maglev_ctrl.analysis.plane_records import NO_ANSWER, STABLE, UNRESOLVED, UNSTABLE, StabilityPlane
+from maglev_ctrl.analysis.plane_records import NO_ANSWER, STABLE, UNRESOLVED, UNSTABLE, MapAxis, StabilityPlane
 from maglev_ctrl.analysis.tongue_atlas import SpeedRange, TongueAtlas
 from maglev_ctrl.analysis.tongue_table import TongueRow
 from maglev_ctrl.errors import Agreement
@@ -62,17 +62,46 @@ def reasons(plane: StabilityPlane) -> str:
     return "; ".join(dict.fromkeys(fault.rstrip(".") for fault in plane.faults)) or "no reason was recorded"
 
 
-def depth_axis(study: MapStudy, plane: StabilityPlane) -> str | None:
+def is_speed(quantity: MapQuantity) -> bool:
+    """Whether a quantity is the vehicle's speed, told by its unit too: a speed of rotation is not one."""
+    return "speed" in quantity.quantity.lower() and quantity.unit.replace(" ", "") in ("m/s", "km/h")
+
+
+def is_depth(quantity: MapQuantity, axis: MapAxis) -> bool:
+    """Whether a quantity is the depth of modulation."""
+    return axis.linear or "depth" in f"{axis.name} {quantity.quantity} {quantity.label}".lower()
+
+
+def depth_axis(plane: StabilityPlane, x: MapQuantity, y: MapQuantity) -> str | None:
     """Which axis is the depth of modulation: "x", "y" or None."""
-    for name, axis, quantity in (("y", plane.y, study.y), ("x", plane.x, study.x)):
-        if axis.linear or "depth" in f"{axis.name} {quantity.quantity} {quantity.label}".lower():
-            return name
-    return None
+    return "y" if is_depth(y, plane.y) else "x" if is_depth(x, plane.x) else None
 
 
-def critical_depth_words(study: MapStudy, plane: StabilityPlane) -> str:
-    """Smallest depth at which the map loses what was stable at its first depth; what is undecided below comes first."""
-    axis = depth_axis(study, plane)
+def tips(
+    tongues: tuple[TongueRow, ...], plane: StabilityPlane, x: MapQuantity, y: MapQuantity
+) -> tuple[tuple[float, float, str], ...]:
+    """Speed (SI), onset depth and name of every tongue of the table on a map over speed and depth, lowest first.
+
+    They were found on their own, so that a map that is too coarse for a narrow tongue is told so.
+    """
+    axis = depth_axis(plane, x, y)
+    other, ends = (x, plane.x.values) if axis == "y" else (y, plane.y.values)
+    if axis is None or not is_speed(other):
+        return ()
+    found = []
+    for one in tongues:
+        at = one.computed_centre if math.isfinite(one.computed_centre) else one.first_order_centre
+        if math.isfinite(one.onset) and one.onset > 0.0 and ends[0] <= at <= ends[-1]:
+            found.append((float(at), float(one.onset), one.resonance.name))
+    return tuple(sorted(found, key=lambda tip: tip[1]))
+
+
+def critical_depth_words(study: MapStudy, plane: StabilityPlane, tongues: tuple[TongueRow, ...] = ()) -> str:
+    """Smallest depth at which the map loses what was stable at its first depth; what is undecided below comes first.
+
+    A tongue that begins lower between the map's points takes its place.
+    """
+    axis = depth_axis(plane, study.x, study.y)
     if axis is None:
         return ABSENT
     depth, other = (study.y, study.x) if axis == "y" else (study.x, study.y)
@@ -81,7 +110,11 @@ def critical_depth_words(study: MapStudy, plane: StabilityPlane) -> str:
     told = [number(float(value) * depth.scale, depth.unit) for value in values]
     before = state[:, 0] == UNSTABLE  # lost at the first depth of the map, which may be no modulation at all
     lost = _first((state == UNSTABLE) & ~before[:, None])
-    words = []
+    words, thin = [], ""
+    lowest = next(iter(tips(tongues, plane, study.x, study.y)), None)
+    if lowest is not None and lowest[1] < (float(values[lost[1]]) if lost is not None else float(values[-1])):
+        at = f"{number(lowest[0] * other.scale, other.unit)} ({short_words(lowest[2])})"
+        thin = f"{number(lowest[1] * depth.scale, depth.unit)} at {at}, narrower than the map's step; on the map "
     for value, text in ((UNRESOLVED, "UNRESOLVED from"), (NO_ANSWER, "no answer from")):
         found = _first((state == value) & ~before[:, None])
         if found is not None and (lost is None or found[1] <= lost[1]):
@@ -93,7 +126,7 @@ def critical_depth_words(study: MapStudy, plane: StabilityPlane) -> str:
     if before.any():
         where = "everywhere" if before.all() else f"on {percent(float(before.mean()))} of the {other.label} axis"
         words.append(f"unstable {'without modulation' if values[0] == 0.0 else f'from {told[0]} on'} {where}")
-    return "; ".join(words)
+    return thin + "; ".join(words)
 
 
 def _first(mask: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]) -> tuple[int, int] | None:
@@ -139,7 +172,9 @@ def worst_tongue(option: OptionMap) -> str:
 
 def undecided(one: TongueRow) -> bool:
     """Whether it is open that a tongue is there at the depth of its row: no edges, and no onset above that depth."""
-    return not (math.isfinite(one.computed_half_width) or one.onset > one.depth or one.onset == 0.0)
+    return not (
+        math.isfinite(one.computed_half_width) or one.onset > one.depth or one.onset == 0.0 or one.removal is not None
+    )
 
 
 def absent(one: TongueRow) -> bool:
