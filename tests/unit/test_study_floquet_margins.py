@@ -18,6 +18,7 @@ from maglev_ctrl.report.content_periodic import floquet_margin_blocks
 from maglev_ctrl.report.model import Paragraph, Table
 from maglev_ctrl.report.style import ABSENT, number
 from maglev_ctrl.scenario import Scenario
+from maglev_ctrl.scenario.problems import ScenarioProblems
 from maglev_ctrl.study import OptionStudy
 from maglev_ctrl.study.floquet_margins import LOST, NO_CONTROLLER, NOT_ASKED, UNFORCED, option_margins
 from maglev_ctrl.study.forcing import Forcing, at_depth
@@ -206,3 +207,14 @@ def test_margins_cost_nothing_where_nobody_asks(small_scenario: Callable[..., Sc
     scenario = small_scenario()
     study = study_option(scenario, scenario.options[1]).floquet
     assert study is not None and study.margins is None and study.margins_reason == NOT_ASKED
+
+
+@pytest.mark.parametrize("quantity", ["floquet_gain_margin", "floquet_speed_margin"])
+def test_a_margin_under_modulation_needs_periodic_forces(
+    small_scenario: Callable[..., Scenario], small_text: str, quantity: str
+) -> None:
+    before, _, rest = small_text.partition("[periodic]")
+    limit = '"6 dB"' if quantity == "floquet_gain_margin" else "0.1"
+    wanted = f'[[requirement]]\nname = "asked"\nquantity = "{quantity}"\nat_least = {limit}\n'
+    with pytest.raises(ScenarioProblems, match=rf"{quantity} needs the table \[periodic\]"):
+        small_scenario(before + rest[rest.index("[[option]]") :] + wanted)
