@@ -83,6 +83,16 @@ def _squares(entries: Any) -> float:
 
 
 @compiled_sum
+def _squares_of_rest(one: Any, two: Any, three: Any, first: float, product: float) -> float:
+    """Sum of the squares of `three` - first * `two` + product * `one`, all one-dimensional."""
+    total = 0.0
+    for k in range(one.shape[0]):
+        part = three[k] - first * two[k] + product * one[k]
+        total += part * part
+    return total
+
+
+@compiled_sum
 def _mixed(left: Any, right: Any) -> float:
     """tr(left @ right)."""
     total = 0.0
@@ -227,7 +237,7 @@ def _residuals(matrix: Any, square: Any, cube: Any, traces: Any, rest: Any, lane
         first, second = traces[0, 0], traces[1, 0]
         product = 0.5 * (first * first - second)
         one, two, three = matrix.reshape(n * n), square.reshape(n * n), cube.reshape(n * n)
-        rest[0] = math.sqrt(_squares(three - first * two + product * one))
+        rest[0] = math.sqrt(_squares_of_rest(one, two, three, first, product))
         return
     for lane in range(lanes):
         rest[lane] = 0.0
