@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_ctrl.analysis.plane_pixels import Corners, PanelPixels, lattice
+from maglev_ctrl.analysis.plane_pixels import Corners, PanelPixels, Pixels, lattice, spread
 from maglev_ctrl.analysis.plane_records import NO_ANSWER, STABLE
 from maglev_ctrl.analysis.resonance import resonant_pairs
 from maglev_ctrl.arrays import ComplexArray, FloatArray
@@ -51,6 +51,7 @@ def adaptive_rows(
     strip = _Strip(pixels, first, last)
     rows, columns = lattice(last - first, _STRIDE), lattice(pixels.columns, _STRIDE)
     strip.compute(*(grid.ravel() for grid in np.meshgrid(rows, columns, indexing="ij")))
+    strip.note_conditions(rows, columns)
     cells = _cells(rows, columns)
     leaves: list[Indices] = []
     while len(cells):
@@ -62,8 +63,11 @@ def adaptive_rows(
             divide[begin : begin + 1024] = strip.to_divide(cells[begin : begin + 1024], strength)
         leaves.append(cells[~divide])
         cells = _divided(cells[divide])
+        # cells of single pixels are not divided again: only their growth is wanted
+        single = np.maximum(cells[:, 1] - cells[:, 0], cells[:, 3] - cells[:, 2]) <= 1
         corners = _corners(cells)
-        strip.compute(corners[..., 0].ravel(), corners[..., 1].ravel())
+        strip.compute(corners[~single, :, 0].ravel(), corners[~single, :, 1].ravel())
+        strip.judge(corners[single, :, 0].ravel(), corners[single, :, 1].ravel())
     strip.fill(np.concatenate(leaves) if leaves else np.empty((0, 4), dtype=np.intp))
     return CellRows(strip.growth, strip.error, strip.state, ~strip.known, int(np.count_nonzero(strip.known)))
 
@@ -78,6 +82,7 @@ class _Strip:
         self.state = np.full(shape, NO_ANSWER, dtype=np.int8)
         self.known = np.zeros(shape, dtype=np.bool_)
         self._place = np.full(shape, -1, dtype=np.intp)
+        self._condition = np.ones(shape)
         self._multipliers: list[ComplexArray] = []
         self._mean: list[ComplexArray] = []
         self._period: list[FloatArray] = []
@@ -85,23 +90,45 @@ class _Strip:
         self._count = 0
 
     def compute(self, i: Indices, j: Indices) -> None:
-        """Compute those of the pixels (i, j) that are not known yet."""
-        wanted = np.unique(i * self.known.shape[1] + j)
-        wanted = wanted[~self.known.ravel()[wanted]]
-        if not len(wanted):
+        """Compute those of the pixels (i, j) whose multipliers are not known yet."""
+        rows, columns = self._missing(i, j, self._place >= 0)
+        if not len(rows):
             return
-        rows, columns = np.divmod(wanted, self.known.shape[1])
         corners: Corners = self._pixels.pixels(self._first + rows, columns)
-        self.growth[rows, columns] = corners.found.growth
-        self.error[rows, columns] = corners.found.error
-        self.state[rows, columns] = corners.found.state
-        self.known[rows, columns] = True
-        self._place[rows, columns] = self._count + np.arange(len(wanted))
-        self._count += len(wanted)
+        self._keep(rows, columns, corners.found)
+        self._place[rows, columns] = self._count + np.arange(len(rows))
+        self._count += len(rows)
         self._multipliers.append(corners.multipliers)
         self._mean.append(corners.mean)
         self._period.append(corners.period)
         self._joined = None
+
+    def judge(self, i: Indices, j: Indices) -> None:
+        """Growth and state alone of those of the pixels (i, j) that are not known yet."""
+        rows, columns = self._missing(i, j, self.known)
+        if len(rows):
+            found = self._pixels.verdicts(self._first + rows, columns, self._condition[rows, columns])
+            self._keep(rows, columns, found)
+
+    def note_conditions(self, rows: Indices, columns: Indices) -> None:
+        """Spread the conditions at the points computed first over the pixels between them."""
+        i, j = np.meshgrid(rows, columns, indexing="ij")
+        period = np.concatenate(self._period)[self._place[i, j]]
+        found = Pixels(self.growth[i, j], self.error[i, j], self.state[i, j])
+        condition = self._pixels.conditions_of(found, period)
+        self._condition = spread(condition, rows, columns, self.known.shape)
+
+    def _missing(self, i: Indices, j: Indices, known: NDArray[np.bool_]) -> tuple[Indices, Indices]:
+        """Those of the pixels that are not known yet, each once."""
+        wanted = np.unique(i * self.known.shape[1] + j)
+        wanted = wanted[~known.ravel()[wanted]]
+        return np.divmod(wanted, self.known.shape[1])
+
+    def _keep(self, rows: Indices, columns: Indices, found: Pixels) -> None:
+        self.growth[rows, columns] = found.growth
+        self.error[rows, columns] = found.error
+        self.state[rows, columns] = found.state
+        self.known[rows, columns] = True
 
     def to_divide(self, cells: Indices, strength: FloatArray) -> NDArray[np.bool_]:
         """Cells whose corners differ in state, are near a change of state, or between which a resonance may hide."""

@@ -21,6 +21,7 @@ _NOISE = 1e-7  # growth per period that rounding can feign at the edge of an und
 _STRIDE = 4  # conditions of the leading multiplier are computed at every fourth pixel, and wherever they decide
 _MARGIN = 4.0  # conditions between those pixels may be this much larger
 _ROUGH = 1e-5  # error per period that even a nearly defective multiplier keeps with the accuracy of a series
+_ENGINE = 1e-10  # relative error that moduli found without eigenvalues may have
 _BATCH = 256
 _LOST = "the growth over one period leaves the range of numbers"
 
@@ -101,6 +102,7 @@ class PanelPixels:
         self._x, self._y, self._engine = x, y, engine
         self._basis = self.series.y_basis(y)
         self._error = self.series.error
+        self._slack = 0.0 if engine.name == "numpy" else _ENGINE  # the series' error covers rounding of eigenvalues
         self.columns = len(y)
 
     def rows(self, first: int, last: int) -> tuple[Pixels, FloatArray]:
@@ -115,7 +117,7 @@ class PanelPixels:
         matrices = np.matmul(self._basis[j], rows[i].reshape(len(i), self._basis.shape[1], -1))
         sampled = self._conditions(matrices.reshape(-1, *self.series.coefficients.shape[2:]))
         condition = _MARGIN * spread(sampled.reshape(len(i), len(j)), i, j, growth.shape)
-        error = condition * self._error / np.maximum(modulus, 1e-300) / period
+        error = (condition * self._error / np.maximum(modulus, 1e-300) + self._slack) / period
         state = judge(growth, np.maximum(error, _ROUGH / period), np.zeros(growth.shape, dtype=bool), period)
         close = np.nonzero((state == UNRESOLVED) | (error * period > _ROUGH))
         if len(close[0]):
@@ -132,6 +134,27 @@ class PanelPixels:
         abscissa = np.max(mean.real, axis=1)
         found = judged_pixels(matrices, leading, np.full(len(i), self._error), period, abscissa)
         return Corners(found, multipliers, mean, period)
+
+    def verdicts(self, i: NDArray[np.intp], j: NDArray[np.intp], condition: FloatArray) -> Pixels:
+        """Pixels (i, j) of the panel by the engine, row by row; `condition` (k,) of the leading multiplier, roughly."""
+        modulus = np.empty(len(i))
+        rows, which = np.unique(i, return_inverse=True)
+        for k, coefficients in enumerate(self.series.rows(self._x[rows])):
+            here = np.nonzero(which == k)[0]
+            modulus[here] = self._moduli(coefficients, self._basis[j[here]])
+        period = _scattered(self.period, self._x, self._y, i, j)
+        growth = np.log(np.maximum(modulus, 1e-300)) / period
+        error = (condition * self._error / np.maximum(modulus, 1e-300) + self._slack) / period
+        state = judge(growth, np.maximum(error, _ROUGH / period), np.zeros(growth.shape, dtype=bool), period)
+        close = np.nonzero((state == UNRESOLVED) | (error * period > _ROUGH))[0]
+        if len(close):
+            exact = self.pixels(i[close], j[close]).found
+            growth[close], error[close], state[close] = exact.growth, exact.error, exact.state
+        return Pixels(growth, error, state)
+
+    def conditions_of(self, found: Pixels, period: FloatArray) -> FloatArray:
+        """The condition behind each error bound, with a margin for the pixels around."""
+        return np.asarray(_MARGIN * found.error * period * np.exp(found.growth * period) / self._error)
 
     def matrices(self, i: NDArray[np.intp], j: NDArray[np.intp]) -> FloatArray:
         """Monodromy matrices (k, n, n) at pixels."""

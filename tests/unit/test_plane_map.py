@@ -14,7 +14,15 @@ import maglev_ctrl.analysis.stability_plane as plane_module
 from maglev_ctrl.analysis.floquet import floquet
 from maglev_ctrl.analysis.plane_panels import build_panels
 from maglev_ctrl.analysis.plane_pixels import judge
-from maglev_ctrl.analysis.plane_records import NO_ANSWER, STABLE, UNRESOLVED, UNSTABLE, MapAxis, StabilityPlane
+from maglev_ctrl.analysis.plane_records import (
+    NO_ANSWER,
+    STABLE,
+    UNRESOLVED,
+    UNSTABLE,
+    Coverage,
+    MapAxis,
+    StabilityPlane,
+)
 from maglev_ctrl.analysis.resonance_map import resonance_map
 from maglev_ctrl.analysis.stability_plane import NothingKept, estimate, stability_plane
 from maglev_ctrl.arrays import FloatArray
@@ -108,6 +116,18 @@ def test_threads_change_nothing(plane: StabilityPlane, monkeypatch: pytest.Monke
     assert np.allclose(found.growth, plane.growth, atol=1e-12)
     assert told == sorted(told)
     assert told[-1] == 1.0
+
+
+@pytest.mark.parametrize("coverage", ["every", "adaptive"])
+def test_moduli_without_eigenvalues_give_the_same_map(plane: StabilityPlane, coverage: Coverage) -> None:
+    pytest.importorskip("numba")
+    found = stability_plane(pair, SPEED, DEPTH, backend="fast", coverage=coverage)
+    computed = ~found.interpolated
+    assert np.array_equal(found.state, plane.state)
+    apart = np.abs(found.growth - plane.growth)
+    assert np.all(apart[computed] <= (found.growth_error + plane.growth_error)[computed])
+    if coverage == "every":
+        assert np.all(found.growth_error * 2.0 * np.pi / SPEED.values[:, None] >= 1e-10)  # the engine's own error is in
 
 
 def test_bound_of_a_wrong_series_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -227,7 +247,9 @@ class Interrupted:
 
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize("coverage", ["every", "adaptive"])
-def test_interrupted_map_goes_on_where_it_was(threads: int, coverage, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_interrupted_map_goes_on_where_it_was(
+    threads: int, coverage: Coverage, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(plane_module, "_CHUNK", 300)
     calls: list[tuple[float, float]] = []
 
@@ -287,6 +309,6 @@ def test_estimate_counts_points_and_memory() -> None:
         (MapAxis("speed", np.array([1.0, 2.0])), "all", "coverage: expected auto, every or adaptive"),
     ],
 )
-def test_wrong_input_is_refused(axis: MapAxis, coverage, message: str) -> None:
+def test_wrong_input_is_refused(axis: MapAxis, coverage: Coverage, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         stability_plane(pair, axis, DEPTH, coverage=coverage)
