@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from maglev_ctrl.analysis.floquet_margins import floquet_margins
-from maglev_ctrl.analysis.plane_records import NO_ANSWER, UNRESOLVED, MapAxis, StabilityPlane
-from maglev_ctrl.analysis.resonance import state_tongues
+from maglev_ctrl.analysis.plane_records import NO_ANSWER, STABLE, UNRESOLVED, UNSTABLE, MapAxis, StabilityPlane
+from maglev_ctrl.analysis.resonance import make_resonance, state_tongues
 from maglev_ctrl.analysis.stability_plane import stability_plane
 from maglev_ctrl.analysis.tongue_atlas import tongue_atlas
 from maglev_ctrl.analysis.tongue_removal import tongue_removal
@@ -114,3 +115,30 @@ def map_study() -> MapStudy:
         options=(bare, second, failed), backend="numpy", notes=(), versions=(("maglev-ctrl", "0.0"), ("numpy", "2")),
         created="2026-01-01 00:00", seconds=3.5,
     )  # fmt: skip
+
+
+def flat_plane(shape: tuple[int, int], *, state: int = STABLE, growth: float = -1.0) -> StabilityPlane:
+    """A map that is the same everywhere."""
+    return StabilityPlane(
+        x=MapAxis("speed", np.linspace(10.0, 110.0, shape[0]), reciprocal=True),
+        y=MapAxis("depth", np.linspace(0.0, 0.5, shape[1]), linear=True),
+        growth=np.full(shape, growth), growth_error=np.full(shape, 1e-9), state=np.full(shape, state, dtype=np.int8),
+        interpolated=np.zeros(shape, dtype=bool), tongue_index=np.full(shape, -1, dtype=np.int16), tongues=(),
+        checked=np.zeros((0, 2), dtype=np.int64), check_difference=np.zeros(0), faults=(), evaluated=shape[0],
+        integrated=1, missed_width=np.nan, method="none",
+    )  # fmt: skip
+
+
+def on(study: MapStudy, plane: StabilityPlane) -> tuple[OptionMap, Any, Any]:
+    """An option with this map, and axes that fit it."""
+    x, y = replace(study.x, values=plane.x.values), replace(study.y, values=plane.y.values)
+    return replace(study.options[0], plane=plane), x, y
+
+
+def marked(plane: StabilityPlane, place: tuple[Any, Any], state: int, growth: float) -> StabilityPlane:
+    """The map with another state at one place."""
+    states, rates, index = np.array(plane.state), np.array(plane.growth), np.array(plane.tongue_index)
+    states[place], rates[place] = state, growth
+    index[states == UNSTABLE] = 0
+    tongue = make_resonance("sum", 2, (1, 2), ("heave", "pitch"), frequency=5.0)
+    return replace(plane, state=states, growth=rates, tongue_index=index, tongues=(tongue,))
