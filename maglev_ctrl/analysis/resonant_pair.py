@@ -21,6 +21,7 @@ NODES = 9
 _DENSE = 801
 _TAIL = 1e-3  # last coefficients against the largest, below which a window is smooth enough to lead a search
 _MOST_WINDOWS = 6
+_MOST_NODES = 33
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +191,9 @@ def pair_window(
         whole = lower <= limits[0] and upper >= limits[1]
         if window.smooth and (inside or whole) and (height <= floor or edges is not None):
             return window
-        if not window.smooth:
+        if not window.smooth and nodes < _MOST_NODES:
+            nodes = 2 * nodes - 1
+        elif not window.smooth:
             centre, reach = (apex if inside else centre), 0.6 * reach
         elif not inside:
             centre = apex

@@ -25,8 +25,8 @@ from maglev_ctrl.analysis.resonance import (
     state_modes,
 )
 from maglev_ctrl.analysis.resonance_seeds import PairCoupling, pair_coupling
-from maglev_ctrl.analysis.resonant_pair import at_depth
-from maglev_ctrl.analysis.tongue_search import Crossing, Track, apex, pair_at, pair_exponents
+from maglev_ctrl.analysis.resonant_pair import PairExponents, at_depth, pair_window
+from maglev_ctrl.analysis.tongue_search import Crossing, Track, apex, exponents_of, pair_at, pair_exponents
 from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only_any
 from maglev_ctrl.errors import Agreement
 from maglev_ctrl.systems import PeriodicSystem, SecondOrderSystem
@@ -299,6 +299,13 @@ class _Pair:
 
     def peak(self, added: tuple[float, float]) -> tuple[float, float]:
         """Largest growth of the pair over the passing frequency, 1/s, and where, rad/s."""
+        window = pair_window(
+            lambda places: self._sampled(added, places), self.frequency, self._reach(added),
+            limits=(0.6 * self.frequency, 1.4 * self.frequency),
+        )  # fmt: skip
+        if window is not None and window.smooth:
+            W = window.top()[0]
+            return self._sampled(added, np.array([W]))[0].growth, W
         track = Track(lambda W: self.damped(added, W))
 
         def lost(W: float) -> float:
@@ -317,6 +324,20 @@ class _Pair:
                                options={"xatol": 1e-4 * (right - left)})  # fmt: skip
         W = min((centre, float(best.x)), key=lost)
         return -lost(W), W
+
+    def _reach(self, added: tuple[float, float]) -> float:
+        """Twice the first-order half-width without damping, widened where the two decay rates differ, rad/s."""
+        a, b = (max(rate + more, 0.0) for rate, more in zip(self.decay, added, strict=True))
+        wider = 0.5 * (a + b) / np.sqrt(a * b) if a * b > 0.0 else 1.0
+        half = 2.0 * float(np.sqrt(abs(self.product))) / self.crossing.order
+        return float(np.clip(2.0 * wider * half, 1e-4 * self.frequency, 0.2 * self.frequency))
+
+    def _sampled(self, added: tuple[float, float], places: FloatArray) -> list[PairExponents]:
+        """The pair's exponents at passing frequencies (P,)."""
+        expected = self.s[0] - added[0], self.s[1] - added[1]
+        every = exponents_of([self.damped(added, float(W)) for W in places])
+        return [PairExponents(*pair_exponents(one, float(W), *expected))
+                for one, W in zip(every, places, strict=True)]  # fmt: skip
 
     def confirmed(self, added: tuple[float, float], *, gone: bool) -> bool:
         """Whether both engines find the pair decaying at its peak and beside it, or growing at its peak."""

@@ -60,7 +60,8 @@ class TongueRow:
     the multipliers, both edges verified by both engines; NaN with `reason` where there is none or they do not agree.
     `onset`: smallest unstable depth (inf: none up to the largest searched; NaN: the engines do not confirm it).
     `peak_growth`: of the pair at the computed centre, 1/s; NaN without one.
-    `removal`: the damping that removes it, None where it is not there. `feeding`: share of each element's modulation.
+    `removal`: the damping that removes it, None without a computed interval. `feeding`: share of each element's
+    modulation.
     `needs`: sign condition on the couplings of a combination tongue in words; "" for parametric ones.
     """
 
@@ -235,7 +236,8 @@ class _Tongue:
     def peak(self, depth: float) -> float:
         """Largest growth of the pair over speed at a depth, 1/s; NaN where it cannot be followed."""
         window = self.window(depth)
-        return float("nan") if window is None else window.top()[1] - self.floor
+        pair = None if window is None else self.pair(window.top()[0], depth)
+        return float("nan") if pair is None else pair.growth - self.floor
 
 
 def _row(tongue: _Tongue, elements: Elements | None, removals: bool) -> TongueRow:
@@ -262,7 +264,7 @@ def _row(tongue: _Tongue, elements: Elements | None, removals: bool) -> TongueRo
         pair = tongue.pair(centre, tongue.depth)
         row = replace(row, peak_growth=nan if pair is None else pair.growth)
     cure = None
-    if removals:
+    if removals and np.isfinite(half):
         modes = (one.modes[0] + 1, one.modes[1] + 1)
         cure = tongue_removal(unit, one.kind, modes, order=one.order, depth=tongue.depth)
     return replace(row, computed_centre=centre, computed_half_width=half, removal=cure, reason=reason)
@@ -278,25 +280,41 @@ def _onset(tongue: _Tongue, predicted: float) -> tuple[float, str]:
         return (0.0 if there else float("inf")), ""
     high = min(1.02 * predicted, largest)
     while tongue.peak(high) <= 0.0:
+        seen = tongue.window(high)
+        if seen is None or not seen.smooth:
+            return nan, "other tongues mix with it"
         if high >= largest:
             return float("inf"), ""
         high = min(1.3 * high, largest)
+    if _mixed(tongue, high):
+        return nan, "other tongues mix with it"
     low = 0.95 * high
     while tongue.peak(low) > 0.0:
         high, low = low, 0.6 * low
         if low < 1e-6 * largest:
             return nan, "the pair cannot be followed to small depths"
-    if not np.isfinite(tongue.peak(high)):
+    if tongue.window(high) is None:
         return nan, "the pair cannot be followed"
     depth = float(brentq(tongue.peak, low, high, xtol=1e-9 * high, rtol=1e-9))
     window = tongue.window(depth)
     assert window is not None
+    if not window.smooth:
+        return nan, "other tongues mix with it"
     speed = window.top()[0]
     for share in _SHARES:
         below, above = depth * (1.0 - share), depth * (1.0 + share)
         if _grows(tongue, speed, below) is False and _grows(tongue, speed, above) is True:
             return depth, ""
     return nan, "the engines do not confirm the onset"
+
+
+def _mixed(tongue: _Tongue, depth: float) -> bool:
+    """Whether what is met at a depth is another tongue's doing: no smooth window, and another name at its top."""
+    window = tongue.window(depth)
+    if window is None or window.smooth:
+        return False
+    system = tongue.at(window.top()[0], depth)
+    return system is None or name_instability(system).name != tongue.theory.resonance.name
 
 
 def _seen(tongue: _Tongue) -> bool:
