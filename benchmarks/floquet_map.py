@@ -39,7 +39,8 @@ from maglev_ctrl.analysis.plane_records import MapAxis
 from maglev_ctrl.analysis.stability_plane import NothingKept, stability_plane
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.errors import ModelError
-from maglev_ctrl.kernels.spectral_radius import leading_eigenvalues, radius_engine
+from maglev_ctrl.kernels.radius_engines import radius_engine
+from maglev_ctrl.kernels.spectral_radius import leading_eigenvalues
 from maglev_ctrl.systems import PeriodicSystem
 
 Clock = Callable[[], float]

@@ -36,7 +36,8 @@ from maglev_ctrl.analysis.resonance import Resonance, state_modes
 from maglev_ctrl.analysis.resonance_naming import name_exponent
 from maglev_ctrl.arrays import FloatArray, read_only, read_only_any
 from maglev_ctrl.errors import ModelError, OutOfDomain
-from maglev_ctrl.kernels.spectral_radius import RadiusEngine, leading_eigenvalues, radius_engine
+from maglev_ctrl.kernels.radius_engines import radius_engine
+from maglev_ctrl.kernels.spectral_radius import RadiusEngine, leading_eigenvalues
 
 __all__ = ["Backend", "MapEstimate", "NothingKept", "estimate", "stability_plane"]
 

@@ -21,7 +21,7 @@ The array functions take their namespace `xp` (NumPy, or one that copies it); `d
 
 from __future__ import annotations
 
-from typing import Any, Final, Literal, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -316,32 +316,6 @@ def chunks(count: int, n: int) -> list[slice]:
     """Slices of `count` matrices n by n, each small enough for the cache."""
     step = max(16, _CHUNK_ENTRIES // (n * n))
     return [slice(first, min(first + step, count)) for first in range(0, count, step)]
-
-
-def radius_engine(name: Literal["numpy", "fast", "gpu"]) -> RadiusEngine:
-    """The engine of that name: `numpy` always, `fast` with numba, `gpu` with JAX and a device.
-
-    Raises
-    ------
-    ModelError : what the engine needs is not installed, or there is no device
-    ValueError : an unknown name
-
-    Examples
-    --------
-    >>> radius_engine("numpy").name
-    'numpy'
-    """
-    if name == "numpy":
-        return NumpyRadius()
-    if name == "fast":
-        from maglev_ctrl.kernels.accelerated import fast_engine
-
-        return fast_engine()
-    if name == "gpu":
-        from maglev_ctrl.kernels.device import device_engine
-
-        return device_engine()
-    raise ValueError(f"name: expected numpy, fast or gpu, got {name!r}")
 
 
 def _norm(xp: Any, matrices: Any) -> Any:

@@ -14,8 +14,9 @@ from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.errors import ModelError
 from maglev_ctrl.kernels import compiled
 from maglev_ctrl.kernels.accelerated import FastRadius, monodromy_many
+from maglev_ctrl.kernels.radius_engines import radius_engine
 from maglev_ctrl.kernels.radius_lanes import LANES_UP_TO, block_size
-from maglev_ctrl.kernels.spectral_radius import NumpyRadius, radius_engine
+from maglev_ctrl.kernels.spectral_radius import NumpyRadius
 from maglev_ctrl.kernels.taylor import monodromy_over_depths, taylor_plan
 
 needs_numba = pytest.mark.skipif(

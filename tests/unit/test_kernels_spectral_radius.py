@@ -12,12 +12,12 @@ from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.errors import ModelError
 from maglev_ctrl.kernels import spectral_radius
 from maglev_ctrl.kernels.device import device_engine
+from maglev_ctrl.kernels.radius_engines import radius_engine
 from maglev_ctrl.kernels.spectral_radius import (
     NumpyRadius,
     RadiusEngine,
     first_power,
     next_power,
-    radius_engine,
     series_rounding,
 )
 

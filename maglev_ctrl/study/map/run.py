@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from maglev_ctrl.analysis.stability_plane import MapEstimate, estimate
 from maglev_ctrl.guideway import Modulation
-from maglev_ctrl.kernels.spectral_radius import radius_engine
+from maglev_ctrl.kernels.radius_engines import radius_engine
 from maglev_ctrl.scenario import Scenario
 from maglev_ctrl.scenario.quantity_paths import DEPTH
 from maglev_ctrl.study.eddy_current import solve_forces
