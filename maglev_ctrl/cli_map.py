@@ -62,6 +62,9 @@ def stability_map(
     periodic_law: Annotated[
         bool, typer.Option("--periodic-law", help="Also design a periodic law for each option and map it.")
     ] = False,
+    map_only: Annotated[
+        bool, typer.Option("--map-only", help="Leave out tongues, speed ranges and margins, which take longer.")
+    ] = False,
     list_quantities: Annotated[
         bool, typer.Option("--list-quantities", help="Show what --x and --y can be; nothing is computed.")
     ] = False,
@@ -87,7 +90,7 @@ def stability_map(
     try:
         request = map_request(
             read, x=x, y=y, options=option or (), backend=backend.value, coverage=coverage.value,
-            periodic_law=periodic_law,
+            periodic_law=periodic_law, tables=not map_only,
         )  # fmt: skip
     except ValueError as error:
         raise ScenarioError(f"{scenario}: {error}") from None

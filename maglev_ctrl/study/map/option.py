@@ -34,6 +34,8 @@ MERGED = (
     "Delay and bandwidth of every actuator are merged into one lag on the map and in the tongues, as in the report; "
     "the margins are those of the full model."
 )
+NOT_ASKED = "not asked for"
+_FEW_HARMONICS = 2
 PLANE_SHARE = 0.7
 """Share of an option's progress that its plane takes."""
 
@@ -101,23 +103,27 @@ def _mapped(
         backend=request.backend, states=family.nominal().states, store=store,
         progress=lambda what, fraction: tell(f"{blank.label}: {what}", PLANE_SHARE * fraction),
     )  # fmt: skip
-    tell(f"{blank.label}: tongues", PLANE_SHARE)
-    depth = depth_of(scenario)
-    tongues, tongue_note = _tongues(family, scenario, request, depth)
-    tell(f"{blank.label}: speed ranges", 0.8)
-    atlas, atlas_reason = _atlas(family, request, depth)
-    tell(f"{blank.label}: margins", 0.85)
-    margins, margins_reason = _margins(model, family, scenario)
+    tabled = replace(blank, atlas_reason=NOT_ASKED, margins_reason=NOT_ASKED)
+    tongue_note = ""
+    if request.tables:
+        depth = depth_of(scenario)
+        tell(f"{blank.label}: tongues", PLANE_SHARE)
+        tongues, tongue_note = _tongues(family, scenario, request, depth)
+        tell(f"{blank.label}: speed ranges", 0.8)
+        atlas, atlas_reason = _atlas(family, request, depth)
+        tell(f"{blank.label}: margins", 0.85)
+        margins, margins_reason = _margins(model, family, scenario)
+        tabled = replace(
+            blank, tongues=tongues, atlas=atlas, atlas_reason=atlas_reason, margins=margins,
+            margins_reason=margins_reason,
+        )  # fmt: skip
     law, law_note = None, ""
     if request.periodic_law:
         tell(f"{blank.label}: periodic law", 0.9)
         law, law_note = _periodic_law(model, request, design, threads)
     notes = (MERGED if family.merged else "", *_plane_notes(plane), tongue_note, law_note,
              *(design.notes if design else ()))  # fmt: skip
-    return replace(
-        blank, plane=plane, tongues=tongues, atlas=atlas, atlas_reason=atlas_reason, margins=margins,
-        margins_reason=margins_reason, law=law, notes=tuple(note for note in notes if note),
-    )  # fmt: skip
+    return replace(tabled, plane=plane, law=law, notes=tuple(note for note in notes if note))
 
 
 def _speeds(scenario: Scenario, request: MapRequest) -> tuple[float, float]:
@@ -140,11 +146,26 @@ def _tongues(
     if depth <= 0.0:
         return (), "No table of tongues: the expected depth of modulation is zero."
     try:
+        order, note = _orders(family)
         return tongue_table(
-            family.path, depth=depth, lower=lower, upper=upper, largest_depth=largest, elements=family.elements
-        ), ""  # fmt: skip
+            family.path, depth=depth, lower=lower, upper=upper, largest_depth=largest, elements=family.elements,
+            max_order=order,
+        ), note  # fmt: skip
     except FAULTS as fault:
         return (), f"No table of tongues: {fault}"
+
+
+def _orders(family: OptionFamily) -> tuple[int, str]:
+    """The largest order of the tongues in the tables, and what is left out.
+
+    Orders above the harmonics have no first-order term. With few harmonics they are worth their time; with many they
+    are narrow, and there are hundreds of them.
+    """
+    harmonics = len(family.nominal().A_cos)
+    if harmonics <= _FEW_HARMONICS:
+        return 2 * harmonics, ""
+    note = f"The table of tongues goes up to order {harmonics}, the highest harmonic; the map has them all."
+    return harmonics, note
 
 
 def _atlas(family: OptionFamily, request: MapRequest, depth: float) -> tuple[TongueAtlas | None, str]:
@@ -153,7 +174,8 @@ def _atlas(family: OptionFamily, request: MapRequest, depth: float) -> tuple[Ton
     if axis is None:
         return None, "neither axis is the speed"
     try:
-        return tongue_atlas(lambda v: at_depth(family.path(v), depth), lower=axis.first, upper=axis.last), ""
+        return tongue_atlas(lambda v: at_depth(family.path(v), depth), lower=axis.first, upper=axis.last,
+                           max_order=_orders(family)[0]), ""  # fmt: skip
     except FAULTS as fault:
         return None, f"{fault}"
 

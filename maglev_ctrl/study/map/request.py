@@ -75,6 +75,7 @@ class MapRequest:
     coverage: Coverage = "auto"
     backend: Backend = "numpy"
     periodic_law: bool = False
+    tables: bool = True  # tongues, speed ranges and margins beside the map
 
     @property
     def points(self) -> int:
@@ -94,6 +95,7 @@ class MapRequest:
 def map_request(
     scenario: Scenario, *, x: str | None = None, y: str | None = None, options: Sequence[str] = (),
     coverage: Coverage = "auto", backend: Backend = "numpy", periodic_law: bool = False,
+    tables: bool = True,
 ) -> MapRequest:  # fmt: skip
     """A request from what people write, checked as far as it can be without computing.
 
@@ -101,6 +103,7 @@ def map_request(
     ----------
     x, y : "QUANTITY=FROM:TO:COUNT"; left out: speed and depth over the scenario's own grid
     options : names; none: all that the quantities change
+    tables : whether tongues, speed ranges and margins are computed, which takes longer than the map
 
     Raises
     ------
@@ -128,7 +131,7 @@ def map_request(
         across, along = along, across
     request = MapRequest(
         first or across, second or along, _chosen(scenario, options),
-        coverage=coverage, backend=backend, periodic_law=periodic_law,
+        coverage=coverage, backend=backend, periodic_law=periodic_law, tables=tables,
     )  # fmt: skip
     names = [one.quantity.name for one in request.axes]
     if names[0] == names[1]:
