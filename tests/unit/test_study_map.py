@@ -89,10 +89,7 @@ def test_the_family_is_the_loop_of_its_values(small_scenario: SmallScenario) -> 
     heavy = small_scenario(scenario.text.replace('mass = "8 t"', 'mass = "10 t"'))
     there = OptionModel(heavy, heavy.options[2])
     vehicle = there.vehicle()
-    if family.merged:
-        from maglev_ctrl.study.forcing import slowed_vehicle
-
-        vehicle = slowed_vehicle(vehicle)
+    assert not family.merged  # with more gain the loop may become as fast as its delays
     law = scaled_controller(design.controller, 1.5)  # designed for 8 t
     expected = at_depth(periodic_system(there, vehicle, Situation.of_design(heavy), law), 0.05)
     found = family(1.5, 10e3)
@@ -112,8 +109,8 @@ def test_a_quantity_of_the_law_designs_it_anew(small_scenario: SmallScenario) ->
     assert request.options == ("active",)
     family = family_of(scenario, request, "active")
     stronger = small_scenario(scenario.text.replace('value = "5 kN"', 'value = "9 kN"'))
-    other = family_of(stronger, map_request(stronger, x=SPEEDS, y=DEPTHS, options=["active"]), "active")
-    np.testing.assert_allclose(family(80.0, 9e3).A_0, other(80.0, 0.05).A_0, rtol=1e-9, atol=1e-6)
+    other = family_of(stronger, map_request(stronger, x=SPEEDS, y="gain=0.5:2:5", options=["active"]), "active")
+    np.testing.assert_allclose(family(80.0, 9e3).A_0, other(80.0, 1.0).A_0, rtol=1e-9, atol=1e-6)
     assert not np.allclose(family(80.0, 9e3).A_0, family(80.0, 5e3).A_0)
 
 
@@ -281,9 +278,9 @@ def test_notes_say_what_is_not_seen(small_scenario: SmallScenario) -> None:
     assert "speed: 20 to 100 came without a unit and is read in m/s." in said
     assert "Control laws stay as designed at the scenario's own values" in said and "vehicle.car.mass" in said
     assert "Not mapped: bare, damper." in said
-    assert (MERGED in study.options[0].notes) == family_of(
-        scenario, map_request(scenario, x=SPEEDS, y=DEPTHS), "active"
-    ).merged
+    assert MERGED not in study.options[0].notes
+    short = survey_map(scenario, map_request(scenario, x=SPEEDS, y=DEPTHS, options=["active"]))
+    assert MERGED in short.options[0].notes
     deep = survey_map(scenario, map_request(scenario, x=SPEEDS, y="depth=0:1.5:3", options=["bare"]))
     assert any("Above a depth of 1 the modulation is deeper than the stiffness" in note for note in deep.notes)
     assert not any("deeper" in note for note in study.notes)

@@ -21,7 +21,8 @@ from maglev_ctrl.vehicle import Vehicle
 
 _KEPT_AT_MOST = 4096
 """Variants of the scenario and systems kept for reuse."""
-_OF_LAG = frozenset({"delay", "bandwidth"})
+_LOOP_STAYS = frozenset({*SITUATION, DEPTH, WAVELENGTH})
+"""Quantities that leave vehicle and law alone. With others the loop may become as fast as its delays."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -39,7 +40,8 @@ class OptionFamily:
     """Periodic systems of an option over two quantities, each at its actual depth of modulation.
 
     The law is designed once, at the scenario's own values; only a quantity of the law itself designs it anew. `merged`:
-    delay and bandwidth of every actuator are one lag, as on the resonance map of the report, because they are short.
+    delay and bandwidth of every actuator are one lag, as on the resonance map of the report, because they are short
+    against every mode and neither quantity changes the loop.
     """
 
     model: OptionModel
@@ -61,8 +63,7 @@ class OptionFamily:
         OutOfDomain : the forces are not known there
         """
         x, y = request.x.quantity, request.y.quantity
-        varied = {part for one in (x, y) for part in one.path[-1:]}
-        merged = not varied & _OF_LAG and delays_are_short(model, model.vehicle(), controller)
+        merged = all(one.name in _LOOP_STAYS for one in (x, y)) and delays_are_short(model, model.vehicle(), controller)
         made = cls(model, controller, x, y, merged)
         made._sizes.add(len(made.nominal().A_0))
         return made
