@@ -7,14 +7,14 @@ exponents themselves are not. A few samples over a window about the tongue there
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import chebyshev
 from scipy.optimize import brentq
 
 from maglev_ctrl.analysis.tongue_search import Crossing, leading_exponents, pair_at, pair_exponents
-from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only_any
+from maglev_ctrl.arrays import ComplexArray, FloatArray
 from maglev_ctrl.systems import PeriodicSystem
 
 NODES = 9
@@ -98,11 +98,6 @@ def expected_pair(path: Callable[[float], PeriodicSystem | None], crossing: Cros
     s[: len(found)] = np.linalg.solve(powers, np.array([one[1] for one in found]))
     shift[: len(found)] = np.linalg.solve(powers, np.array([one[2] for one in found]))
     return ExpectedPair(crossing.at, s, shift)
-
-
-def at_depth(system: PeriodicSystem, depth: float) -> PeriodicSystem:
-    """A periodic system given at unit depth, its modulation scaled to a depth."""
-    return replace(system, A_cos=read_only_any(depth * system.A_cos), A_sin=read_only_any(depth * system.A_sin))
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -25,11 +25,11 @@ from maglev_ctrl.analysis.resonance import (
     state_modes,
 )
 from maglev_ctrl.analysis.resonance_seeds import PairCoupling, pair_coupling
-from maglev_ctrl.analysis.resonant_pair import PairExponents, at_depth, pair_window
+from maglev_ctrl.analysis.resonant_pair import PairExponents, pair_window
 from maglev_ctrl.analysis.tongue_search import Crossing, Track, apex, exponents_of, pair_at, pair_exponents
 from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only_any
 from maglev_ctrl.errors import Agreement
-from maglev_ctrl.systems import PeriodicSystem, SecondOrderSystem
+from maglev_ctrl.systems import PeriodicSystem, SecondOrderSystem, at_depth
 from maglev_ctrl.vehicle import ElementModulation
 
 _WIDER = 1.05  # a half-width beyond this times the present one is warned of; equal ratios alone make some of it

@@ -20,7 +20,6 @@ from maglev_ctrl.analysis.resonant_pair import (
     ExpectedPair,
     PairExponents,
     PairWindow,
-    at_depth,
     expected_pair,
     pair_window,
 )
@@ -40,7 +39,7 @@ from maglev_ctrl.analysis.tongue_search import (
 from maglev_ctrl.analysis.tongue_widths import FirstOrder, first_order, gap_at
 from maglev_ctrl.arrays import ComplexArray, FloatArray
 from maglev_ctrl.errors import Agreement, ModelError
-from maglev_ctrl.systems import PeriodicSystem
+from maglev_ctrl.systems import PeriodicSystem, at_depth
 
 Elements = Callable[[float], Mapping[str, tuple[FloatArray, FloatArray]]]
 

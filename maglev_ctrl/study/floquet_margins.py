@@ -9,10 +9,10 @@ import numpy as np
 from maglev_ctrl.analysis.floquet_margins import FloquetMargins, floquet_margins, scaled_controller
 from maglev_ctrl.errors import MaglevError, NotStable
 from maglev_ctrl.scenario.scenario_schema import Periodic
-from maglev_ctrl.study.forcing import Forcing, at_depth
+from maglev_ctrl.study.forcing import Forcing
 from maglev_ctrl.study.modulation import depth_of
 from maglev_ctrl.study.situation import OptionModel
-from maglev_ctrl.systems import Controller, PeriodicSystem
+from maglev_ctrl.systems import Controller, PeriodicSystem, at_depth
 
 SAMPLES = 24
 """Scan points of each search; the tongues predicted on the way come on top."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from maglev_ctrl.analysis.tongue_removal import element_terms
-from maglev_ctrl.arrays import FloatArray, read_only_any
+from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.guideway import passing_frequency
 from maglev_ctrl.scenario.scenario_schema import Periodic
 from maglev_ctrl.study.modulation import ScenarioModulation, modulation_of
@@ -94,11 +94,6 @@ def _closed(
     held, balanced = model.balance_of(vehicle, situation)
     plant = linearize(held, balanced, pade_order=PADE_ORDER)
     return held, balanced, plant if controller is None else close_loop(plant, controller)
-
-
-def at_depth(system: PeriodicSystem, depth: float) -> PeriodicSystem:
-    """A periodic system given at unit depth, its modulation scaled to a depth."""
-    return replace(system, A_cos=read_only_any(depth * system.A_cos), A_sin=read_only_any(depth * system.A_sin))
 
 
 def delays_are_short(model: OptionModel, vehicle: Vehicle, controller: Controller | None) -> bool:

@@ -14,11 +14,11 @@ from maglev_ctrl.errors import ModelError, OutOfDomain
 from maglev_ctrl.scenario.requirement_schema import FLOQUET_MARGINS
 from maglev_ctrl.scenario.scenario_schema import Periodic
 from maglev_ctrl.study.floquet_margins import NOT_ASKED, option_margins
-from maglev_ctrl.study.forcing import Forcing, at_depth
+from maglev_ctrl.study.forcing import Forcing
 from maglev_ctrl.study.modulation import modulation_of
 from maglev_ctrl.study.records import FloquetStudy
 from maglev_ctrl.study.situation import OptionModel
-from maglev_ctrl.systems import Controller, PeriodicSystem
+from maglev_ctrl.systems import Controller, PeriodicSystem, at_depth
 
 BRACKET = 1e-3  # the deciding depth is checked this far (relative) on either side
 UNRESOLVED = "UNRESOLVED: the two engines disagree"

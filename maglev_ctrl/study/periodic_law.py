@@ -13,7 +13,7 @@ from maglev_ctrl.arrays import FloatArray, read_only_any
 from maglev_ctrl.errors import MaglevError
 from maglev_ctrl.guideway import passing_frequency
 from maglev_ctrl.kernels.fourier_matrix import FourierMatrix
-from maglev_ctrl.study.forcing import at_depth, delays_are_short, slowed_vehicle
+from maglev_ctrl.study.forcing import delays_are_short, slowed_vehicle
 from maglev_ctrl.study.map.records import PeriodicLawStudy
 from maglev_ctrl.study.modulation import modulation_of
 from maglev_ctrl.study.situation import PADE_ORDER, OptionModel, Situation
@@ -21,7 +21,7 @@ from maglev_ctrl.synthesis.design import Design
 from maglev_ctrl.synthesis.neutral import NEUTRAL_RATE, prepare
 from maglev_ctrl.synthesis.periodic import PeriodicProblem, PeriodicRegulator, periodic_lqr
 from maglev_ctrl.synthesis.periodic_constant import PeriodicComparison, compare_laws, law_rating
-from maglev_ctrl.systems import PeriodicSystem, SecondOrderSystem, modulate
+from maglev_ctrl.systems import PeriodicSystem, SecondOrderSystem, at_depth, modulate
 from maglev_ctrl.vehicle import Vehicle, linearize
 
 OWN = "the option's own gain"

@@ -5,7 +5,7 @@ and positive damping dissipates; forces from internal states, actuators and the 
 """
 
 from maglev_ctrl.systems.feedback import Controller, close_loop, loop_matrices
-from maglev_ctrl.systems.periodic import PeriodicSystem, modulate
+from maglev_ctrl.systems.periodic import PeriodicSystem, at_depth, modulate
 from maglev_ctrl.systems.second_order import Contribution, SecondOrderSystem
 
 __all__ = [
@@ -13,6 +13,7 @@ __all__ = [
     "Controller",
     "PeriodicSystem",
     "SecondOrderSystem",
+    "at_depth",
     "close_loop",
     "loop_matrices",
     "modulate",

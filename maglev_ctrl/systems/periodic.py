@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from maglev_ctrl.arrays import FloatArray, read_only
+from maglev_ctrl.arrays import FloatArray, read_only, read_only_any
 from maglev_ctrl.systems.second_order import SecondOrderSystem
 
 
@@ -103,3 +103,15 @@ def modulate(
         frequency=frequency,
         states=system.states,
     )
+
+
+def at_depth(system: PeriodicSystem, depth: float) -> PeriodicSystem:
+    """A periodic system given at unit depth, its modulation scaled to a depth.
+
+    Examples
+    --------
+    >>> mathieu = PeriodicSystem.from_matrices([[0, 1], [-1, 0]], [[[0, 0], [-1, 0]]], frequency=2.0)
+    >>> at_depth(mathieu, 0.25).A_cos[0, 1]
+    array([-0.25,  0.  ])
+    """
+    return replace(system, A_cos=read_only_any(depth * system.A_cos), A_sin=read_only_any(depth * system.A_sin))

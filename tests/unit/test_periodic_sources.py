@@ -14,7 +14,7 @@ from maglev_ctrl.errors import ModelError, OutOfDomain, ScenarioError
 from maglev_ctrl.scenario import Scenario, build_vehicle, json_schema, load
 from maglev_ctrl.scenario.eddy_current import study_domain
 from maglev_ctrl.scenario.periodic_sources import build_pattern, build_sources, reach, source_names
-from maglev_ctrl.study.forcing import Forcing, at_depth
+from maglev_ctrl.study.forcing import Forcing
 from maglev_ctrl.study.modulation import (
     depth_of,
     describe_periodicity,
@@ -24,6 +24,7 @@ from maglev_ctrl.study.modulation import (
 )
 from maglev_ctrl.study.periodic import floquet_study
 from maglev_ctrl.study.situation import OptionModel, Situation
+from maglev_ctrl.systems import at_depth
 from maglev_ctrl.vehicle import OperatingPoint, equilibrium, stiffness_modulation
 from maglev_ctrl.vehicle.guideway_modulation import guideway_modulation
 

@@ -21,12 +21,12 @@ from maglev_ctrl.scenario import Scenario
 from maglev_ctrl.scenario.problems import ScenarioProblems
 from maglev_ctrl.study import OptionStudy
 from maglev_ctrl.study.floquet_margins import LOST, NO_CONTROLLER, NOT_ASKED, UNFORCED, option_margins
-from maglev_ctrl.study.forcing import Forcing, at_depth
+from maglev_ctrl.study.forcing import Forcing
 from maglev_ctrl.study.law import design_law
 from maglev_ctrl.study.option import study_option
 from maglev_ctrl.study.requirements_periodic import nearest
 from maglev_ctrl.study.situation import OptionModel
-from maglev_ctrl.systems import Controller
+from maglev_ctrl.systems import Controller, at_depth
 
 SAMPLES = 10
 DEPTH = 0.28

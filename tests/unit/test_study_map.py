@@ -15,7 +15,7 @@ from maglev_ctrl.analysis.plane_records import NO_ANSWER, UNSTABLE, StabilityPla
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.errors import ModelError
 from maglev_ctrl.scenario import Scenario, load
-from maglev_ctrl.study.forcing import at_depth, periodic_system
+from maglev_ctrl.study.forcing import periodic_system
 from maglev_ctrl.study.law import design_law
 from maglev_ctrl.study.map import option as option_module
 from maglev_ctrl.study.map.family import OptionFamily
@@ -24,6 +24,7 @@ from maglev_ctrl.study.map.request import MapRequest, map_request
 from maglev_ctrl.study.map.run import survey_estimate, survey_map
 from maglev_ctrl.study.map.store import FolderStore, MapFolder, map_key
 from maglev_ctrl.study.situation import OptionModel, Situation
+from maglev_ctrl.systems import at_depth
 
 SmallScenario = Callable[..., Scenario]
 SPEEDS, DEPTHS = "speed=60km/h:400km/h:12", "depth=0:0.5:6"

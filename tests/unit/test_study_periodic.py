@@ -10,11 +10,11 @@ import pytest
 
 from maglev_ctrl.analysis.resonance_map import ResonanceMap, SeededTongue, critical_depth, resonance_map
 from maglev_ctrl.scenario import Scenario
-from maglev_ctrl.study.forcing import Forcing, at_depth
+from maglev_ctrl.study.forcing import Forcing
 from maglev_ctrl.study.law import design_law
 from maglev_ctrl.study.periodic import UNRESOLVED, critical_depths, floquet_study, speed_ranges
 from maglev_ctrl.study.situation import OptionModel
-from maglev_ctrl.systems import PeriodicSystem
+from maglev_ctrl.systems import PeriodicSystem, at_depth
 
 ZETA = 0.01
 

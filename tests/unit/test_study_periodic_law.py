@@ -13,7 +13,7 @@ from maglev_ctrl.analysis.floquet import floquet
 from maglev_ctrl.analysis.plane_records import STABLE, UNSTABLE, PeriodicFamily, StabilityPlane
 from maglev_ctrl.kernels.fourier_matrix import FourierMatrix
 from maglev_ctrl.scenario import Scenario
-from maglev_ctrl.study.forcing import Forcing, at_depth, slowed_vehicle
+from maglev_ctrl.study.forcing import Forcing, slowed_vehicle
 from maglev_ctrl.study.law import design_law
 from maglev_ctrl.study.map.option import _periodic_law
 from maglev_ctrl.study.map.records import PeriodicLawStudy
@@ -31,6 +31,7 @@ from maglev_ctrl.synthesis.design import Design
 from maglev_ctrl.synthesis.periodic import periodic_lqr, verify_periodic
 from maglev_ctrl.synthesis.periodic_constant import periodic_cost
 from maglev_ctrl.synthesis.periodic_problem import loop_multipliers
+from maglev_ctrl.systems import at_depth
 
 DEPTH = 0.4
 Case = tuple[Scenario, OptionModel, Design]

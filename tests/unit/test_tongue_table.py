@@ -10,10 +10,9 @@ import pytest
 import maglev_ctrl.analysis.tongue_table as table_module
 from maglev_ctrl.analysis.critical_depth import critical_depth
 from maglev_ctrl.analysis.floquet import floquet
-from maglev_ctrl.analysis.resonant_pair import at_depth
 from maglev_ctrl.analysis.tongue_table import TongueRow, tongue_table
 from maglev_ctrl.errors import ModelError
-from maglev_ctrl.systems import PeriodicSystem, SecondOrderSystem, modulate
+from maglev_ctrl.systems import PeriodicSystem, SecondOrderSystem, at_depth, modulate
 
 SUM, DIFFERENCE = np.array([[0.5, 0.4], [0.3, 0.6]]), np.array([[0.5, 0.4], [-0.3, 0.6]])
 

@@ -11,12 +11,12 @@ from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.errors import ModelError
 from maglev_ctrl.scenario import Scenario
 from maglev_ctrl.scenario.quantity_paths import DEPTH, GAIN, SITUATION, WAVELENGTH, ScenarioQuantity, with_quantity
-from maglev_ctrl.study.forcing import at_depth, delays_are_short, element_parts, periodic_system, slowed_vehicle
+from maglev_ctrl.study.forcing import delays_are_short, element_parts, periodic_system, slowed_vehicle
 from maglev_ctrl.study.law import design_law
 from maglev_ctrl.study.map.request import MapRequest
 from maglev_ctrl.study.modulation import ScenarioModulation, modulation_of
 from maglev_ctrl.study.situation import OptionModel, Situation
-from maglev_ctrl.systems import Controller, PeriodicSystem
+from maglev_ctrl.systems import Controller, PeriodicSystem, at_depth
 from maglev_ctrl.vehicle import Vehicle
 
 _KEPT_AT_MOST = 4096

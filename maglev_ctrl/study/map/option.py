@@ -17,7 +17,6 @@ from maglev_ctrl.errors import MaglevError
 from maglev_ctrl.scenario import OptionRecord, Scenario, describe_option
 from maglev_ctrl.scenario.quantity_paths import DEPTH, SPEED
 from maglev_ctrl.study.floquet_margins import option_margins
-from maglev_ctrl.study.forcing import at_depth
 from maglev_ctrl.study.law import design_law
 from maglev_ctrl.study.map.family import OptionFamily
 from maglev_ctrl.study.map.records import OptionMap, PeriodicLawStudy
@@ -26,7 +25,7 @@ from maglev_ctrl.study.modulation import depth_of
 from maglev_ctrl.study.periodic_law import periodic_law_study
 from maglev_ctrl.study.situation import OptionModel
 from maglev_ctrl.synthesis.design import Design
-from maglev_ctrl.systems import PeriodicSystem
+from maglev_ctrl.systems import PeriodicSystem, at_depth
 
 Tell = Callable[[str, float], None]
 FAULTS = (MaglevError, ValueError, np.linalg.LinAlgError)
