@@ -7,7 +7,9 @@ step and differ only in the matrices that are multiplied. Systems are grouped by
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +20,7 @@ from maglev_ctrl.kernels.taylor import TaylorPlan, taylor_plan, tree_product
 
 _ALIKE = 2.0  # systems of one group differ by at most this in (norm times period)
 _TRIES = 3  # segment counts tried, each twice the one before
+_PER_OCTAVE = 32  # norms are rounded up to this many steps per factor of two, so that plans can be used again
 _HISTORY = 1 << 17  # numbers per Taylor order kept at once, so that the history stays in the cache
 
 
@@ -62,8 +65,11 @@ def monodromy_many(
     size = norm_0 + deepest * np.sum(norms, axis=1)
     result, error = np.empty((count, len(levels), n, n)), np.empty(count)
     for group in _groups(size):
-        worst_0, worst = float(np.max(norm_0[group])), np.max(norms[group], axis=0)
-        plan, basis = _cheapest(worst_0, worst, deepest=deepest, levels=len(levels), n=n, tolerance=tolerance)
+        worst = deepest * np.max(norms[group], axis=0)
+        plan, basis = _cheapest(
+            _rounded_up(float(np.max(norm_0[group]))), tuple(_rounded_up(float(one)) for one in worst),
+            levels=len(levels), n=n, tolerance=tolerance,
+        )  # fmt: skip
         step = 1.0 / plan.segments
         terms = len(basis.powers) if basis is not None else len(levels) * plan.segments
         width = max(1, _HISTORY // (n * n * terms))
@@ -79,24 +85,31 @@ def monodromy_many(
     return ManyMonodromies(result, error)
 
 
+def _rounded_up(norm: float) -> float:
+    """A norm rounded up a little: a plan made for more is good for less."""
+    if not 0.0 < norm < math.inf:
+        return norm
+    return max(norm, float(2.0 ** (math.ceil(math.log2(norm) * _PER_OCTAVE) / _PER_OCTAVE)))
+
+
+@lru_cache(maxsize=4096)
 def _cheapest(
-    norm_0: float, norms: FloatArray, *, deepest: float, levels: int, n: int, tolerance: float
+    norm_0: float, norms: tuple[float, ...], *, levels: int, n: int, tolerance: float
 ) -> tuple[TaylorPlan, Monomials | None]:
     """Segments and order by counted multiplications: shorter segments need fewer terms of the modulation.
 
-    Norms are those of the generator times the period. None instead of monomials: integrate one by one.
+    Norms are those of the generator times the period, the modulation at its largest depth. None instead of monomials:
+    integrate one by one.
     """
     found: list[tuple[float, TaylorPlan, int | None]] = []
-    unknowns, least = 2 * len(norms), 1
+    unknowns, least, strength = 2 * len(norms), 1, np.array(norms)
     for _ in range(_TRIES):
-        plan = taylor_plan(
-            norm_0, deepest * norms, frequency=2.0 * np.pi, tolerance=tolerance, min_segments=least
-        )  # fmt: skip
+        plan = taylor_plan(norm_0, strength, frequency=2.0 * np.pi, tolerance=tolerance, min_segments=least)
         jobs = levels * plan.segments
         choices: list[tuple[float, int | None]] = [(float(plan.order * jobs * (1 + unknowns) * n + jobs * n), None)]
         degree = degree_for(
-            np.array([[norm_0]]), norms[:, None, None], np.zeros((len(norms), 1, 1)), step=1.0 / plan.segments,
-            depth=deepest, tolerance=0.5 * plan.truncation,
+            np.array([[norm_0]]), strength[:, None, None], np.zeros((len(norms), 1, 1)), step=1.0 / plan.segments,
+            depth=1.0, tolerance=0.5 * plan.truncation,
         )  # fmt: skip
         if degree is not None:
             terms = count_monomials(unknowns, degree)

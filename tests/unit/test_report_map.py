@@ -17,6 +17,7 @@ import pytest
 from maglev_ctrl.analysis.first_instability import PeriodicMargin
 from maglev_ctrl.analysis.plane_records import NO_ANSWER, UNRESOLVED, UNSTABLE
 from maglev_ctrl.analysis.resonance import NO_RESONANCE
+from maglev_ctrl.analysis.tongue_atlas import SpeedRange
 from maglev_ctrl.errors import Agreement
 from maglev_ctrl.report.chart import Chart, Marks
 from maglev_ctrl.report.charts_periodic import short_words
@@ -191,14 +192,33 @@ def test_a_tongue_without_an_answer_is_not_told_absent(study: MapStudy) -> None:
     gone = replace(here, peak_growth=np.nan, computed_centre=np.nan, computed_half_width=np.nan, removal=None)
     later, never = replace(gone, onset=2.0 * gone.depth), replace(gone, onset=np.inf, reason="none up to depth 0.5")
     open_ = replace(gone, onset=np.nan, reason="the engines do not confirm the onset")
-    assert worst_tongue(replace(option, tongues=(later, never))) == "none at this depth"
-    assert worst_tongue(replace(option, tongues=(later, open_))).startswith("UNRESOLVED: 2 w")
-    assert worst_tongue(replace(option, tongues=(here, open_))).endswith("; 1 UNRESOLVED")
-    bare = replace(option, tongues=(replace(gone, onset=0.0, reason="a mode grows"),))
+    alone = replace(option, atlas=None)
+    assert worst_tongue(replace(alone, tongues=(later, never))) == "none at this depth"
+    assert worst_tongue(replace(alone, tongues=(later, open_))).startswith("not told apart: 2 w")
+    assert worst_tongue(replace(alone, tongues=(here, open_))).startswith("2 w")
+    bare = replace(alone, tongues=(replace(gone, onset=0.0, reason="a mode grows"),))
     assert worst_tongue(bare) == "unstable without modulation"
     mixed = replace(option, tongues=(here, later, never, open_))
     assert len(place_table(mixed, speed_unit(study), "10 %").rows) == 3 and len(cure_table(mixed).rows) == 1
     assert absent_words(mixed) == (f"None up to depth 0.5: {short_words(here.resonance.name)}.",)
+
+
+def test_what_grows_most_is_told_from_the_decided_speeds(study: MapStudy) -> None:
+    option = study.options[0]
+    assert option.atlas is not None
+    go = SpeedRange(10.0, 20.0, "go", (), -0.1, "")
+    lost = SpeedRange(20.0, 21.0, "no-go", ("2 w1/1 (heave)",), 0.3, "")
+    worse = SpeedRange(30.0, 31.0, "no-go", ("(w1 + w2)/1 (heave, pitch)",), 0.5, "")
+    open_ = SpeedRange(40.0, 41.0, "unresolved", (), np.nan, "the engines do not decide")
+
+    def told(*ranges: SpeedRange) -> str:
+        assert option.atlas is not None
+        return worst_tongue(replace(option, atlas=replace(option.atlas, ranges=ranges)))
+
+    assert told(go) == "none at this depth"
+    assert told(go, lost, worse) == "w1 + w2, 0.500 1/s"
+    assert told(go, open_) == "none where decided; some speeds UNRESOLVED"
+    assert told(lost, open_).endswith("; some speeds UNRESOLVED")
 
 
 def test_a_margin_that_was_not_asked_is_not_told_lost(study: MapStudy) -> None:

@@ -11,7 +11,7 @@ from maglev_ctrl.analysis.plane_records import NO_ANSWER, STABLE, UNRESOLVED, UN
 from maglev_ctrl.analysis.tongue_atlas import SpeedRange, TongueAtlas
 from maglev_ctrl.analysis.tongue_table import TongueRow
 from maglev_ctrl.errors import Agreement
-from maglev_ctrl.report.charts_periodic import short_words
+from maglev_ctrl.report.charts_periodic import short_words, tongue_words
 from maglev_ctrl.report.style import ABSENT, number
 from maglev_ctrl.study.map.records import MapQuantity, MapStudy, OptionMap
 
@@ -156,17 +156,27 @@ def span_words(one: SpeedRange, scale: float) -> str:
 
 
 def worst_tongue(option: OptionMap) -> str:
-    """The tongue of most growth at the design depth; UNRESOLVED where one is there or may be and none has an answer."""
+    """What grows most at the design depth: where the speed ranges are known theirs, else the largest of the table.
+
+    The ranges count first: both engines have decided them, whichever pair of modes a tongue belongs to.
+    """
+    if option.atlas is not None:
+        lost, doubt = option.atlas.of("no-go"), option.atlas.of("unresolved")
+        also = "; some speeds UNRESOLVED" if doubt else ""
+        if not lost:
+            return f"none where decided{also}" if doubt else "none at this depth"
+        worst = max(lost, key=lambda one: -math.inf if math.isnan(one.growth) else one.growth)
+        names = ", ".join(tongue_words(short_words(name)) for name in worst.tongues)
+        return f"{names}, {number(worst.growth, '1/s')}{also}"
     rows = [one for one in option.tongues if math.isfinite(one.peak_growth) and one.peak_growth > 0.0]
-    doubt = [one for one in option.tongues if undecided(one)]
     if rows:
-        worst = max(rows, key=lambda one: one.peak_growth)
-        also = f"; {len(doubt)} UNRESOLVED" if doubt else ""
-        return f"{short_words(worst.resonance.name)}, {number(worst.peak_growth, '1/s')}{also}"
+        worst_row = max(rows, key=lambda one: one.peak_growth)
+        return f"{short_words(worst_row.resonance.name)}, {number(worst_row.peak_growth, '1/s')}"
     if option.tongues and all(one.onset == 0.0 for one in option.tongues):
         return "unstable without modulation"
-    if doubt:
-        return f"UNRESOLVED: {', '.join(short_words(one.resonance.name) for one in doubt)}"
+    open_ones = [one for one in option.tongues if undecided(one)]
+    if open_ones:
+        return f"not told apart: {', '.join(short_words(one.resonance.name) for one in open_ones)}"
     return "none at this depth" if option.tongues else ABSENT
 
 
