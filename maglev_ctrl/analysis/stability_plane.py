@@ -289,7 +289,7 @@ class _Canvas:
             tongue_index=read_only_any(index.astype(np.int16)), tongues=tongues, checked=read_only_any(points),
             check_difference=read_only_any(difference), faults=tuple(self.faults)[:_MOST_FAULTS],
             evaluated=self.evaluated, integrated=self.integrated, missed_width=width,
-            method=f"Taylor propagators, Chebyshev series on {series} panels, {direct} pixels integrated one by one, "
+            method=f"Taylor propagators, Chebyshev series on {series} panel{"s" * (series != 1)}, {direct} points integrated one by one, "
                    f"{len(points)} points checked by Hill's method",
         )  # fmt: skip
 

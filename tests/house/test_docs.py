@@ -25,7 +25,10 @@ def cli_verbs() -> set[str]:
         node.name
         for node in ast.parse(text).body
         if isinstance(node, ast.FunctionDef) and any("command" in ast.unparse(d) for d in node.decorator_list)
-    } | set(re.findall(r"^app\.command\(\)\((\w+)\)$", text, re.MULTILINE))
+    } | {
+        name or function
+        for name, function in re.findall(r'^app\.command\((?:name="(\w+)")?\)\((\w+)\)$', text, re.MULTILINE)
+    }
 
 
 def dev_verbs(text: str) -> set[str]:

@@ -29,6 +29,8 @@ from maglev_ctrl.study.map.records import MapQuantity
 
 Backend = Literal["numpy", "fast", "gpu"]
 
+FINE_SPEEDS, FINE_DEPTHS = 361, 201
+"""Least points of a map whose axes were not asked for: its points cost little, its tongues are narrow."""
 LARGEST_COUNT: Final = 100_000
 """Points along one axis; no screen and no printer shows more."""
 SHAPE = "QUANTITY=FROM:TO:COUNT, for example speed=100km/h:600km/h:200"
@@ -180,11 +182,11 @@ def _told(flag: str, scenario: Scenario, text: str) -> AxisRange:
 
 
 def _defaults(scenario: Scenario, periodic: Periodic) -> tuple[AxisRange, AxisRange]:
-    """Speed and depth over the grid of the scenario."""
+    """Speed and depth over the ranges of the scenario, no coarser than a picture shows."""
     speed, depth = periodic.map.speed, periodic.map.depth
     return (
-        AxisRange(find_quantity(scenario, SPEED), speed.first, speed.last, speed.count),
-        AxisRange(find_quantity(scenario, DEPTH), depth.first, depth.last, depth.count),
+        AxisRange(find_quantity(scenario, SPEED), speed.first, speed.last, max(speed.count, FINE_SPEEDS)),
+        AxisRange(find_quantity(scenario, DEPTH), depth.first, depth.last, max(depth.count, FINE_DEPTHS)),
     )
 
 
