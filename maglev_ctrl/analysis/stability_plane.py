@@ -289,8 +289,8 @@ class _Canvas:
             tongue_index=read_only_any(index.astype(np.int16)), tongues=tongues, checked=read_only_any(points),
             check_difference=read_only_any(difference), faults=tuple(self.faults)[:_MOST_FAULTS],
             evaluated=self.evaluated, integrated=self.integrated, missed_width=width,
-            method=f"Taylor propagators, Chebyshev series on {series} panel{"s" * (series != 1)}, {direct} points integrated one by one, "
-                   f"{len(points)} points checked by Hill's method",
+            method=f"Taylor propagators, Chebyshev series on {series} panel{'s' * (series != 1)}, {direct} points "
+                   f"integrated one by one, {len(points)} points checked by Hill's method",
         )  # fmt: skip
 
     def _verify(self, checks: int) -> tuple[NDArray[np.int64], FloatArray]:
