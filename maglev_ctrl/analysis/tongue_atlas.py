@@ -19,7 +19,7 @@ from maglev_ctrl.analysis.resonance import Resonance
 from maglev_ctrl.analysis.resonance_naming import name_instability
 from maglev_ctrl.analysis.tongue_search import Crossing, Path, Track, find_crossings, locate, pair_growth_in
 from maglev_ctrl.analysis.tongue_widths import first_order
-from maglev_ctrl.arrays import FloatArray, read_only, read_only_any
+from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only, read_only_any
 from maglev_ctrl.errors import Agreement
 from maglev_ctrl.systems import PeriodicSystem
 
@@ -89,6 +89,7 @@ class TongueAtlas:
 def tongue_atlas(
     path: Path, *, lower: float, upper: float, samples: int = 96, checks: int = 16, max_order: int | None = None,
     tolerance: float = 1e-6, engine: Callable[[PeriodicSystem], Floquet] = floquet,
+    reader: Callable[[float], ComplexArray | None] | None = None,
 ) -> TongueAtlas:  # fmt: skip
     """Campbell curves, tongue crossings and go / no-go speeds of a loop with periodic terms at its actual depth.
 
@@ -101,6 +102,7 @@ def tongue_atlas(
     max_order : largest order k of the lines; twice the harmonics when left out
     tolerance : accuracy of the edges relative to the range of speeds
     engine : what decides a speed
+    reader : exponents at a speed for the scan and the searches, see `SpeedSurface.at`; integrated when left out
 
     Raises
     ------
@@ -116,7 +118,7 @@ def tongue_atlas(
     """
     if not 0.0 < lower < upper or samples < 3 or checks < 2:
         raise ValueError("speeds: expected 0 < lower < upper, at least 3 samples and 2 checks")
-    track = Track(path)
+    track = Track(path, reader)
     grid = np.linspace(lower, upper, samples)
     good = np.array([v for v in grid if track.point(float(v)).system is not None])
     referee = _Referee(track, engine, {})

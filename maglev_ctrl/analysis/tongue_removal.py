@@ -11,9 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import brentq, minimize_scalar
 
-from maglev_ctrl.analysis.floquet import floquet
+from maglev_ctrl.analysis.damped_pair import DampedPair, Damping, coupling_degree
 from maglev_ctrl.analysis.resonance import (
     ResonanceKind,
     StateModes,
@@ -24,10 +23,9 @@ from maglev_ctrl.analysis.resonance import (
     resonant_pairs,
     state_modes,
 )
-from maglev_ctrl.analysis.resonance_seeds import PairCoupling, pair_coupling
-from maglev_ctrl.analysis.resonant_pair import PairExponents, pair_window
-from maglev_ctrl.analysis.tongue_search import Crossing, Track, apex, exponents_of, pair_at, pair_exponents
-from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only_any
+from maglev_ctrl.analysis.resonance_seeds import pair_coupling
+from maglev_ctrl.analysis.tongue_search import Crossing, pair_at
+from maglev_ctrl.arrays import ComplexArray, FloatArray
 from maglev_ctrl.errors import Agreement
 from maglev_ctrl.systems import PeriodicSystem, SecondOrderSystem, at_depth
 from maglev_ctrl.vehicle import ElementModulation
@@ -132,14 +130,15 @@ def tongue_removal(
     known = pair_at(scaled, crossing) if low >= 1 and order >= 1 else None
     if known is None:
         raise ValueError(f"modes: expected two of the oscillating modes and an order from 1, got {modes}, {order}")
-    pair, first = _Pair.of(scaled, crossing), known[1]
+    pair, first = DampedPair.of(scaled, crossing), known[1]
     crossing = replace(crossing, at=pair.frequency)
-    equal = _removal(pair, (low, high) if low != high else (low,), (1.0, 1.0), largest)
-    alone = () if low == high else (
-        _removal(pair, (low,), pair.weights_of(low), largest), _removal(pair, (high,), pair.weights_of(high), largest)
+    present = pair.peak((0.0, 0.0))[0]
+    equal = _removal(pair, (low, high) if low != high else (low,), (1.0, 1.0), largest, present)
+    alone = () if low == high else tuple(
+        _removal(pair, (mode,), pair.weights_of(mode), largest, present) for mode in (low, high)
     )  # fmt: skip
     name = make_resonance(kind, order, (low, high), first.labels, frequency=pair.frequency).name
-    return TongueRemoval(name, crossing, depth, pair.frequency, pair.peak((0.0, 0.0))[0], equal, alone,
+    return TongueRemoval(name, crossing, depth, pair.frequency, present, equal, alone,
                          _crowd(scaled, crossing, 2.0 * float(np.sqrt(abs(pair.product))) / order))  # fmt: skip
 
 
@@ -236,139 +235,17 @@ def _coupling(
     pair = pair_coupling(
         modes, harmonics, first=first, second=second, order=crossing.order, frequency=distance / crossing.order
     )
-    chosen = degree or _degree(pair, harmonics)
+    chosen = degree or coupling_degree(pair, harmonics)
     return (pair.direct if chosen == 1 else pair.indirect), chosen
 
 
-def _degree(pair: PairCoupling, harmonics: dict[int, ComplexArray]) -> int:
-    size = max(float(np.max(np.abs(B))) for B in harmonics.values())
-    return 1 if abs(pair.direct[0] * pair.direct[1]) > 1e-14 * size**2 else 2
-
-
-@dataclass(slots=True, eq=False)
-class _Pair:
-    """One pair of modes at one depth: decay rates, moduli, product of couplings, and its exponents with damping."""
-
-    system: PeriodicSystem
-    crossing: Crossing
-    shapes: tuple[ComplexArray, ComplexArray]
-    s: tuple[complex, complex]
-    decay: tuple[float, float]
-    modulus: tuple[float, float]
-    product: complex
-    frequency: float
-
-    @classmethod
-    def of(cls, system: PeriodicSystem, crossing: Crossing) -> _Pair:
-        modes = state_modes(system.A_0, states=system.states)
-        first, second, distance = pair_indices(modes, crossing.kind, *crossing.modes)
-        frequency = distance / crossing.order
-        harmonics = modal_harmonics(modes, system.A_cos, system.A_sin)
-        coupling = pair_coupling(modes, harmonics, first=first, second=second, order=crossing.order,
-                                 frequency=frequency)  # fmt: skip
-        x = coupling.direct if _degree(coupling, harmonics) == 1 else coupling.indirect
-        s = (complex(modes.s[first]), complex(modes.s[second]))
-        decay = tuple(0.0 if abs(one.real) <= 1e-9 * abs(one) else -one.real for one in s)
-        shapes = tuple(np.outer(modes.right[:, k], modes.left[:, k].conj()) for k in (first, second))
-        moved = (s[0] + coupling.shift[0], s[1] + coupling.shift[1])
-        return cls(system, crossing, (shapes[0], shapes[1]), moved, (decay[0], decay[1]), (abs(s[0]), abs(s[1])),
-                   x[0] * x[1], frequency)  # fmt: skip
-
-    def weights_of(self, mode: int) -> tuple[float, float]:
-        """Which of the two eigenvalues belongs to a mode counted from 1."""
-        low, _ = self.crossing.modes
-        first_is_low = self.crossing.kind != "difference"
-        return (1.0, 0.0) if (mode - 1 == low) == first_is_low else (0.0, 1.0)
-
-    def needed(self) -> float:
-        """(|g| + Re g)/2: the product of decay rates at which the tongue is gone."""
-        return 0.5 * (abs(self.product) + self.product.real)
-
-    def damped(self, added: tuple[float, float], frequency: float) -> PeriodicSystem:
-        """The system with decay rates added to the two modes, 1/s."""
-        A_0 = np.array(self.system.A_0)
-        both = (0,) if self.crossing.modes[0] == self.crossing.modes[1] else (0, 1)
-        for k in both:
-            A_0 -= 2.0 * added[k] * self.shapes[k].real
-        return replace(self.system, A_0=read_only_any(A_0), frequency=read_only_any(frequency))
-
-    def growth(self, exponents: ComplexArray, frequency: float, added: tuple[float, float]) -> float:
-        """Largest real part of the pair's two exponents, 1/s."""
-        pair = pair_exponents(exponents, frequency, self.s[0] - added[0], self.s[1] - added[1])
-        return max(one.real for one in pair)
-
-    def peak(self, added: tuple[float, float]) -> tuple[float, float]:
-        """Largest growth of the pair over the passing frequency, 1/s, and where, rad/s."""
-        window = pair_window(
-            lambda places: self._sampled(added, places), self.frequency, self._reach(added),
-            limits=(0.6 * self.frequency, 1.4 * self.frequency),
-        )  # fmt: skip
-        if window is not None and window.smooth:
-            W = window.top()[0]
-            return self._sampled(added, np.array([W]))[0].growth, W
-        track = Track(lambda W: self.damped(added, W))
-
-        def lost(W: float) -> float:
-            return -self.growth(track.point(W).exponents, W, added)
-
-        expected = (self.s[0] - added[0], self.s[1] - added[1])
-        lower, upper = 0.6 * self.frequency, 1.4 * self.frequency
-        centre, width = apex(track, self.frequency, expected, lower, upper)
-        lean = abs(self.product.imag) / max(abs(self.product), 1e-300)
-        reach = width if lean < 1e-6 else 4.0 * width
-        low, high = max(lower, centre - reach), min(upper, centre + reach)
-        places = [centre, *np.linspace(low, high, 9)]
-        k = int(np.argmin([lost(float(W)) for W in places[1:]])) + 1
-        left, right = float(places[max(k - 1, 1)]), float(places[min(k + 1, 9)])
-        best = minimize_scalar(lost, bounds=(left, right), method="bounded",
-                               options={"xatol": 1e-4 * (right - left)})  # fmt: skip
-        W = min((centre, float(best.x)), key=lost)
-        return -lost(W), W
-
-    def _reach(self, added: tuple[float, float]) -> float:
-        """Twice the first-order half-width without damping, widened where the two decay rates differ, rad/s."""
-        a, b = (max(rate + more, 0.0) for rate, more in zip(self.decay, added, strict=True))
-        wider = 0.5 * (a + b) / np.sqrt(a * b) if a * b > 0.0 else 1.0
-        half = 2.0 * float(np.sqrt(abs(self.product))) / self.crossing.order
-        return float(np.clip(2.0 * wider * half, 1e-4 * self.frequency, 0.2 * self.frequency))
-
-    def _sampled(self, added: tuple[float, float], places: FloatArray) -> list[PairExponents]:
-        """The pair's exponents at passing frequencies (P,)."""
-        expected = self.s[0] - added[0], self.s[1] - added[1]
-        every = exponents_of([self.damped(added, float(W)) for W in places])
-        return [PairExponents(*pair_exponents(one, float(W), *expected))
-                for one, W in zip(every, places, strict=True)]  # fmt: skip
-
-    def confirmed(self, added: tuple[float, float], *, gone: bool) -> bool:
-        """Whether both engines find the pair decaying at its peak and beside it, or growing at its peak."""
-        _, W = self.peak(added)
-        reach = 0.25 * float(np.sqrt(abs(self.product))) / self.crossing.order
-        for place in (W, W - reach, W + reach) if gone else (W,):
-            found = floquet(self.damped(added, place))
-            if found.agreement is not Agreement.AGREED:
-                return False
-            margin = found.error_bound if gone else -found.error_bound
-            growth = self.growth(np.asarray(found.exponents + margin), place, added)
-            if (growth < 0.0) is not gone:
-                return False
-        return True
-
-
-def _removal(pair: _Pair, modes: tuple[int, ...], share: tuple[float, float], largest: float) -> Removal:
-    """Closed form and exact for one way of sharing the damping out."""
+def _removal(
+    pair: DampedPair, modes: tuple[int, ...], share: tuple[float, float], largest: float, present: float
+) -> Removal:  # fmt: skip
+    """Closed form and exact for one way of sharing the damping out; `present` growth of the pair at its peak, 1/s."""
     weight = (share[0] * pair.modulus[0], share[1] * pair.modulus[1])
     closed = _closed_form(pair.decay, weight, pair.needed())
-
-    def added(ratio: float) -> tuple[float, float]:
-        return ratio * weight[0], ratio * weight[1]
-
-    known: dict[float, float] = {}
-
-    def growth(ratio: float) -> float:
-        if ratio not in known:
-            known[ratio] = pair.peak(added(ratio))[0]
-        return known[ratio]
-
+    damping = Damping(pair, weight)
     widening, warning = _widening(pair, weight, min(closed, largest), modes)
 
     def told(unsafe: float, safe: float, resolved: bool = True) -> Removal:
@@ -376,18 +253,22 @@ def _removal(pair: _Pair, modes: tuple[int, ...], share: tuple[float, float], la
         return Removal(modes, closed, unsafe, safe, agreement, widening, warning)
 
     nan = float("nan")
-    if growth(0.0) <= 0.0:
+    if present <= 0.0:
         return told(nan, 0.0) if pair.confirmed((0.0, 0.0), gone=True) else told(nan, nan, False)
     top = min(2.0 * closed, largest) if closed > 0.0 else min(1e-3, largest)
-    while growth(top) > 0.0:
+    damping.span(top)
+    while damping.growth(top) > 0.0:
         if top >= largest:
-            still = pair.confirmed(added(largest), gone=False)
+            still = pair.confirmed(damping.added(largest), gone=False)
             return told(largest, float("inf")) if still else told(nan, nan, False)
         top = min(2.0 * top, largest)
-    ratio = float(brentq(growth, 0.0, top, xtol=1e-7 * top, rtol=1e-7))
+        damping.span(top)
+    ratio = damping.root(top)
     for apart in _BRACKETS:
         low, high = ratio * (1.0 - apart), ratio * (1.0 + apart)
-        if pair.confirmed(added(low), gone=False) and pair.confirmed(added(high), gone=True):
+        if pair.confirmed(damping.added(low), gone=False, read=damping.reader(low)) and pair.confirmed(
+            damping.added(high), gone=True, read=damping.reader(high)
+        ):
             return told(low, high)
     return told(nan, nan, False)
 
@@ -404,7 +285,7 @@ def _closed_form(decay: tuple[float, float], weight: tuple[float, float], needed
     return float((-slope + np.sqrt(slope**2 + 4.0 * square * missing)) / (2.0 * square))
 
 
-def _widening(pair: _Pair, weight: tuple[float, float], until: float, modes: tuple[int, ...]) -> tuple[float, str]:
+def _widening(pair: DampedPair, weight: tuple[float, float], until: float, modes: tuple[int, ...]) -> tuple[float, str]:
     """Largest first-order half-width on the way to `until` over the present one, and the warning."""
     (a, b), g = pair.decay, pair.product
     present = pair_interval(a, b, g)[1]

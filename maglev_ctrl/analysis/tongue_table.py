@@ -7,47 +7,34 @@ table says of a tongue rests on the exponents, and both engines verify each edge
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import brentq
 
+from maglev_ctrl.analysis.exponent_surface import SpeedSurface
 from maglev_ctrl.analysis.floquet import Floquet, floquet
+from maglev_ctrl.analysis.followed_tongue import FollowedTongue
 from maglev_ctrl.analysis.resonance import Resonance
 from maglev_ctrl.analysis.resonance_naming import name_instability
-from maglev_ctrl.analysis.resonance_seeds import PairCoupling
-from maglev_ctrl.analysis.resonant_pair import (
-    ExpectedPair,
-    PairExponents,
-    PairWindow,
-    expected_pair,
-    pair_window,
-)
-from maglev_ctrl.analysis.smooth_path import SmoothPath
 from maglev_ctrl.analysis.tongue_removal import TongueRemoval, feeding_shares, tongue_removal
 from maglev_ctrl.analysis.tongue_search import (
-    NOISE,
     Crossing,
     Path,
     Track,
-    exponents_of,
     find_crossings,
-    leading_exponents,
-    pair_at,
-    pair_exponents,
+    polished,
 )
-from maglev_ctrl.analysis.tongue_widths import FirstOrder, first_order, gap_at
-from maglev_ctrl.arrays import ComplexArray, FloatArray
+from maglev_ctrl.analysis.tongue_widths import FirstOrder, gap_at
+from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.errors import Agreement, ModelError
-from maglev_ctrl.systems import PeriodicSystem, at_depth
+from maglev_ctrl.systems import PeriodicSystem
 
 Elements = Callable[[float], Mapping[str, tuple[FloatArray, FloatArray]]]
 
 _SAMPLES = 49
 _BEYOND = 1.25  # tongues predicted to begin beyond this times the largest depth are asked once there and left
 _SHARES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)  # of the half-width (and of the onset) at which the engines are asked
-_WINDOWS = 2.0  # half a window over the predicted half-width
-_LEAST = 1e-4  # smallest half window relative to the speed
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -80,7 +67,7 @@ class TongueRow:
 
 def tongue_table(
     path: Path, *, depth: float, lower: float, upper: float, largest_depth: float, elements: Elements | None = None,
-    max_order: int | None = None, removals: bool = True,
+    max_order: int | None = None, removals: bool = True, surface: SpeedSurface | None = None,
 ) -> tuple[TongueRow, ...]:  # fmt: skip
     """Every tongue that crosses a range of speeds, in order of speed.
 
@@ -93,6 +80,7 @@ def tongue_table(
     elements : speed -> A_cos, A_sin of each element's modulation at unit depth, see `element_terms`
     max_order : largest order k of the tongues; twice the harmonics when left out
     removals : whether the damping that removes each tongue present at `depth` is computed
+    surface : of this path over these speeds and at least these depths; made when left out
 
     Raises
     ------
@@ -112,7 +100,9 @@ def tongue_table(
             f"speeds, depths: expected 0 < lower < upper and 0 < depth <= largest_depth, got {lower:g}, {upper:g}, "
             f"{depth:g}, {largest_depth:g}"
         )
-    base = Track(SmoothPath(path, lower, upper))
+    if surface is None:
+        surface = SpeedSurface.of(path, lower=lower, upper=upper, largest_depth=largest_depth)
+    base = Track(surface.smooth)
     good = np.array([v for v in np.linspace(lower, upper, _SAMPLES) if base.system(float(v)) is not None])
     if len(good) < 2:
         why = next(iter(base.faults.values()), "")
@@ -125,7 +115,8 @@ def tongue_table(
     rows = []
     for one in crossings:
         if base.system(one.at) is not None:
-            rows.append(_row(_Tongue(base, one, depth, largest_depth, (lower, upper)), elements, removals))
+            tongue = FollowedTongue(base, surface, one, depth, largest_depth, (lower, upper))
+            rows.append(_row(tongue, elements, removals))
     return tuple(sorted(rows, key=lambda row: row.first_order_centre))
 
 
@@ -143,103 +134,7 @@ def _refined(base: Track, one: Crossing, step: float, limits: tuple[float, float
     return replace(one, at=float(brentq(gap, low, high, xtol=1e-12 * one.at, rtol=1e-12)))
 
 
-@dataclass(slots=True, eq=False)
-class _Tongue:
-    """One tongue over speed at any depth, its pair followed from where perturbation theory puts it."""
-
-    base: Track
-    crossing: Crossing
-    depth: float
-    largest_depth: float
-    limits: tuple[float, float]
-    theory: FirstOrder = field(init=False)
-    unit: PairCoupling = field(init=False)
-    expected: ExpectedPair = field(init=False)
-    windows: dict[float, PairWindow | None] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        self.theory = first_order(self.base, self.crossing, depth=self.depth)
-        system = self.base.system(self.crossing.at)
-        assert system is not None
-        known = pair_at(at_depth(system, self.largest_depth), self.crossing)
-        assert known is not None
-        self.unit = known[0]
-        self.expected = expected_pair(self.base.system, self.crossing, apart=0.01 * self.crossing.at)
-
-    @property
-    def undamped(self) -> bool:
-        """A pair without any damping begins at no depth and is neutral beside its tongue."""
-        return max(map(abs, self.theory.decay)) == 0.0
-
-    @property
-    def foreseen(self) -> bool:
-        """Whether the order is one that second-order theory speaks of."""
-        system = self.base.system(self.crossing.at)
-        return system is None or self.crossing.order <= 2 * len(system.A_cos)
-
-    @property
-    def floor(self) -> float:
-        """Growth that counts as none, 1/s: what rounding can feign where there is no damping."""
-        system = self.base.system(self.crossing.at)
-        assert system is not None
-        return NOISE * float(system.frequency) / (2.0 * np.pi) if self.undamped else 0.0
-
-    def at(self, speed: float, depth: float) -> PeriodicSystem | None:
-        system = self.base.system(speed)
-        return None if system is None else at_depth(system, depth)
-
-    def pair(self, speed: float, depth: float) -> PairExponents | None:
-        system = self.at(speed, depth)
-        return None if system is None else self.own(system, leading_exponents(system), speed, depth)
-
-    def pairs(self, speeds: FloatArray, depth: float) -> list[PairExponents] | None:
-        """The pair's exponents at many speeds at once; None where one of them has no answer."""
-        systems = [one for one in (self.at(float(v), depth) for v in speeds) if one is not None]
-        if len(systems) < len(speeds) or len({one.A_0.shape for one in systems}) != 1:
-            return None
-        every = exponents_of(systems)
-        return [self.own(s, e, float(v), depth) for s, e, v in zip(systems, every, speeds, strict=True)]
-
-    def own(self, system: PeriodicSystem, exponents: ComplexArray, speed: float, depth: float) -> PairExponents:
-        """The pair among all exponents of a system."""
-        return PairExponents(*pair_exponents(exponents, float(system.frequency), *self.expected(speed, depth)))
-
-    def predicted(self, depth: float) -> tuple[float, float]:
-        """Centre and half-width over speed where the pair would lock without damping, by second-order theory."""
-        share, order, slope = depth / self.largest_depth, self.crossing.order, self.theory.slope
-        unit = self.unit
-        product = (share * unit.direct[0] + share**2 * unit.indirect[0]) * (
-            share * unit.direct[1] + share**2 * unit.indirect[1]
-        )
-        if not abs(slope) > 0.0:
-            return self.crossing.at, 0.02 * self.crossing.at
-        half = 2.0 * float(np.sqrt(abs(product))) / order / abs(slope)
-        return self.crossing.at - unit.detuning(share) / order / slope, half
-
-    def window(self, depth: float) -> PairWindow | None:
-        """The pair over speed at a depth, its tongue inside."""
-        if depth not in self.windows:
-            centre, half = self.predicted(depth)
-            a, b = self.theory.decay
-            half *= (a + b) / (2.0 * np.sqrt(a * b)) if a * b > 0.0 else 1.0
-            low, high = self.limits
-            middle = float(np.clip(centre, low, high))
-            half = half if self.foreseen else max(abs(centre - self.crossing.at), 0.01 * middle)
-            reach = float(np.clip(_WINDOWS * half, _LEAST * middle, 0.25 * middle))
-            self.windows[depth] = pair_window(
-                lambda speeds: self.pairs(speeds, depth), middle, reach,
-                limits=(max(low, 0.3 * middle), min(high, 2.0 * middle)), floor=self.floor,
-            )  # fmt: skip
-        return self.windows[depth]
-
-    def peak(self, depth: float) -> float:
-        """Largest growth of the pair over speed at a depth, 1/s; NaN where it cannot be followed."""
-        window = self.window(depth)
-        pair = None if window is None else self.pair(window.top()[0], depth)
-        return float("nan") if pair is None else pair.growth - self.floor
-
-
-def _row(tongue: _Tongue, elements: Elements | None, removals: bool) -> TongueRow:
+def _row(tongue: FollowedTongue, elements: Elements | None, removals: bool) -> TongueRow:
     one, theory = tongue.crossing, tongue.theory
     nan = float("nan")
     unit = tongue.base.system(one.at)
@@ -269,7 +164,7 @@ def _row(tongue: _Tongue, elements: Elements | None, removals: bool) -> TongueRo
     return replace(row, computed_centre=centre, computed_half_width=half, removal=cure, reason=reason)
 
 
-def _onset(tongue: _Tongue, predicted: float) -> tuple[float, str]:
+def _onset(tongue: FollowedTongue, predicted: float) -> tuple[float, str]:
     """Smallest unstable depth over speed, verified by both engines, and why it is not known."""
     largest, nan = tongue.largest_depth, float("nan")
     if not np.isfinite(predicted) and tongue.foreseen and not _seen(tongue):
@@ -300,6 +195,8 @@ def _onset(tongue: _Tongue, predicted: float) -> tuple[float, str]:
     if not window.smooth:
         return nan, "other tongues mix with it"
     speed = window.top()[0]
+    # growth is stationary over speed at its peak, so that the depth alone has to move
+    depth = polished(lambda d: tongue.grown(speed, d), lambda d: tongue.sought(speed, d), depth, 1e-4 * depth)
     for share in _SHARES:
         below, above = depth * (1.0 - share), depth * (1.0 + share)
         if _grows(tongue, speed, below) is False and _grows(tongue, speed, above) is True:
@@ -307,7 +204,7 @@ def _onset(tongue: _Tongue, predicted: float) -> tuple[float, str]:
     return nan, "the engines do not confirm the onset"
 
 
-def _mixed(tongue: _Tongue, depth: float) -> bool:
+def _mixed(tongue: FollowedTongue, depth: float) -> bool:
     """Whether what is met at a depth is another tongue's doing: no smooth window, and another name at its top."""
     window = tongue.window(depth)
     if window is None or window.smooth:
@@ -316,16 +213,17 @@ def _mixed(tongue: _Tongue, depth: float) -> bool:
     return system is None or name_instability(system).name != tongue.theory.resonance.name
 
 
-def _seen(tongue: _Tongue) -> bool:
+def _seen(tongue: FollowedTongue) -> bool:
     """Whether a tongue that is not predicted is there all the same at the largest depth, by name."""
     speed = float(np.clip(tongue.predicted(tongue.largest_depth)[0], *tongue.limits))
     system = tongue.at(speed, tongue.largest_depth)
-    if system is None or np.max(leading_exponents(system).real) <= 0.0:
+    found = tongue.surface.exponents(np.array([speed]), np.array([tongue.largest_depth]))
+    if system is None or found is None or np.max(found[0].real) <= 0.0:
         return False
     return name_instability(system).name == tongue.theory.resonance.name
 
 
-def _interval(tongue: _Tongue) -> tuple[float, float, str]:
+def _interval(tongue: FollowedTongue) -> tuple[float, float, str]:
     """Centre and half-width of the pair's unstable interval at the depth, both edges verified; or NaN and why."""
     nan, depth = float("nan"), tongue.depth
     window = tongue.window(depth)
@@ -350,21 +248,26 @@ def _interval(tongue: _Tongue) -> tuple[float, float, str]:
     return 0.5 * (found[0] + found[1]), 0.5 * (found[1] - found[0]), ""
 
 
-def _edge(tongue: _Tongue, top: float, rough: float) -> float | None:
-    """The edge near a rough one, by bisection on the pair's own exponents."""
+def _edge(tongue: FollowedTongue, top: float, rough: float) -> float | None:
+    """The edge near a rough one, on the pair's own exponents."""
 
-    def growth(speed: float) -> float:
-        pair = tongue.pair(speed, tongue.depth)
-        return float("nan") if pair is None else pair.growth - tongue.floor
+    def exact(speed: float) -> float:
+        return tongue.grown(speed, tongue.depth)
 
+    def sought(speed: float) -> float:
+        return tongue.sought(speed, tongue.depth)
+
+    # without damping growth leaves the floor as a square root does, which no step of Newton's follows
+    growth = exact if tongue.undamped else sought
     for share in (1e-5, 1e-3, 1e-1):
         inner, outer = rough + share * (top - rough), rough - share * (top - rough)
         if growth(inner) > 0.0 > growth(outer):
-            return float(brentq(growth, inner, outer, xtol=1e-13 * abs(rough), rtol=1e-13))
+            found = float(brentq(growth, inner, outer, xtol=1e-13 * abs(rough), rtol=1e-13))
+            return found if tongue.undamped else polished(exact, sought, found, 1e-4 * abs(top - found))
     return None
 
 
-def _doubt(tongue: _Tongue, top: float, edge: float) -> str:
+def _doubt(tongue: FollowedTongue, top: float, edge: float) -> str:
     """Why an edge is not one: both engines asked just inside and just outside; "" when they confirm it."""
     for share in _SHARES:
         inside = _decided(tongue, edge + share * (top - edge), tongue.depth)
@@ -383,18 +286,18 @@ def _doubt(tongue: _Tongue, top: float, edge: float) -> str:
     return "the engines do not confirm its edge"
 
 
-def _decided(tongue: _Tongue, speed: float, depth: float) -> Floquet | None:
+def _decided(tongue: FollowedTongue, speed: float, depth: float) -> Floquet | None:
     system = tongue.at(speed, depth)
     return None if system is None else floquet(system)
 
 
-def _grows(tongue: _Tongue, speed: float, depth: float) -> bool | None:
+def _grows(tongue: FollowedTongue, speed: float, depth: float) -> bool | None:
     """Whether the pair itself grows, beyond the error bound; None when the engines do not decide."""
     system, result = tongue.base.system(speed), _decided(tongue, speed, depth)
     if result is None or system is None or result.agreement is not Agreement.AGREED:
         return None
-    pair = tongue.own(system, np.asarray(result.exponents), speed, depth)
     W = float(system.frequency)
+    pair = tongue.own(np.asarray(result.exponents), W, speed, depth)
     nearest = [
         int(np.argmin(np.abs(np.exp((result.exponents - one) * 2.0 * np.pi / W) - 1.0)))
         for one in (pair.one, pair.other)
@@ -403,7 +306,7 @@ def _grows(tongue: _Tongue, speed: float, depth: float) -> bool | None:
     return None if abs(pair.growth) <= bound else pair.growth > 0.0
 
 
-def _covering(tongue: _Tongue, speed: float) -> str:
+def _covering(tongue: FollowedTongue, speed: float) -> str:
     """Name of the tongue that grows most at a speed; "" where the engines do not decide."""
     system, result = tongue.at(speed, tongue.depth), _decided(tongue, speed, tongue.depth)
     if system is None or result is None or result.stable is not False:
@@ -435,5 +338,5 @@ def _needs(theory: FirstOrder, one: Crossing) -> str:
     if abs(found) == 0.0:
         return f"{told}, found 0"
     if abs(found.imag) > 1e-6 * abs(found):
-        return f"{told}, found a phase of {np.degrees(np.angle(found)):.0f} degrees"
+        return f"{told}, found a phase of {round(float(np.degrees(np.angle(found))))} degrees"
     return f"{told}, found {'> 0' if found.real > 0.0 else '< 0'}"

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from maglev_ctrl.analysis.exponent_surface import SpeedSurface
 from maglev_ctrl.analysis.floquet_margins import FloquetMargins
 from maglev_ctrl.analysis.plane_records import NO_ANSWER, UNRESOLVED, MapStore, PeriodicFamily, StabilityPlane
 from maglev_ctrl.analysis.stability_plane import stability_plane
@@ -103,13 +104,19 @@ def _mapped(
         progress=lambda what, fraction: tell(f"{blank.label}: {what}", PLANE_SHARE * fraction),
     )  # fmt: skip
     tabled = replace(blank, atlas_reason=NOT_ASKED, margins_reason=NOT_ASKED)
+    tongues: tuple[TongueRow, ...] = ()
     tongue_note = ""
     if request.tables:
         depth = depth_of(scenario)
         tell(f"{blank.label}: tongues", PLANE_SHARE)
-        tongues, tongue_note = _tongues(family, scenario, request, depth)
-        tell(f"{blank.label}: speed ranges", 0.8)
-        atlas, atlas_reason = _atlas(family, request, depth)
+        try:
+            surface = _surface(family, scenario, request, depth)
+        except FAULTS as fault:
+            tongue_note, atlas, atlas_reason = f"No table of tongues: {fault}", None, f"{fault}"
+        else:
+            tongues, tongue_note = _tongues(family, surface, depth)
+            tell(f"{blank.label}: speed ranges", 0.8)
+            atlas, atlas_reason = _atlas(family, surface, request, depth)
         tell(f"{blank.label}: margins", 0.85)
         margins, margins_reason = _margins(model, family, scenario)
         tabled = replace(
@@ -134,21 +141,24 @@ def _speeds(scenario: Scenario, request: MapRequest) -> tuple[float, float]:
     return scenario.periodic.map.speed.first, scenario.periodic.map.speed.last
 
 
-def _tongues(
-    family: OptionFamily, scenario: Scenario, request: MapRequest, depth: float
-) -> tuple[tuple[TongueRow, ...], str]:
-    """The tongues over speed at the expected depth, and why there are none."""
+def _surface(family: OptionFamily, scenario: Scenario, request: MapRequest, depth: float) -> SpeedSurface:
+    """The exponents over speed and depth that both tables are searched on."""
     assert scenario.periodic is not None
     axis = request.axis_of(DEPTH)
     largest = max(depth, scenario.periodic.map.depth.last if axis is None else axis.last)
     lower, upper = _speeds(scenario, request)
+    return SpeedSurface.of(family.path, lower=lower, upper=upper, largest_depth=largest)
+
+
+def _tongues(family: OptionFamily, surface: SpeedSurface, depth: float) -> tuple[tuple[TongueRow, ...], str]:
+    """The tongues over speed at the expected depth, and why there are none."""
     if depth <= 0.0:
         return (), "No table of tongues: the expected depth of modulation is zero."
     try:
         order, note = _orders(family)
         return tongue_table(
-            family.path, depth=depth, lower=lower, upper=upper, largest_depth=largest, elements=family.elements,
-            max_order=order,
+            family.path, depth=depth, lower=surface.smooth.lower, upper=surface.smooth.upper,
+            largest_depth=surface.largest_depth, elements=family.elements, max_order=order, surface=surface,
         ), note  # fmt: skip
     except FAULTS as fault:
         return (), f"No table of tongues: {fault}"
@@ -167,14 +177,16 @@ def _orders(family: OptionFamily) -> tuple[int, str]:
     return harmonics, note
 
 
-def _atlas(family: OptionFamily, request: MapRequest, depth: float) -> tuple[TongueAtlas | None, str]:
+def _atlas(
+    family: OptionFamily, surface: SpeedSurface, request: MapRequest, depth: float
+) -> tuple[TongueAtlas | None, str]:
     """Go and no-go speeds at the expected depth, everything else at the scenario's own values."""
     axis = request.axis_of(SPEED)
     if axis is None:
         return None, "neither axis is the speed"
     try:
-        return tongue_atlas(lambda v: at_depth(family.path(v), depth), lower=axis.first, upper=axis.last,
-                           max_order=_orders(family)[0]), ""  # fmt: skip
+        return tongue_atlas(lambda v: at_depth(surface.smooth(v), depth), lower=axis.first, upper=axis.last,
+                            max_order=_orders(family)[0], reader=surface.at(depth)), ""  # fmt: skip
     except FAULTS as fault:
         return None, f"{fault}"
 
