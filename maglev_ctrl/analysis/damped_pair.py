@@ -13,7 +13,7 @@ from maglev_ctrl.analysis.floquet import floquet
 from maglev_ctrl.analysis.resonance import modal_harmonics, pair_indices, state_modes
 from maglev_ctrl.analysis.resonance_seeds import PairCoupling, pair_coupling
 from maglev_ctrl.analysis.resonant_pair import PairExponents, pair_window
-from maglev_ctrl.analysis.tongue_search import Crossing, Track, apex, exponents_of, pair_exponents, polished
+from maglev_ctrl.analysis.tongue_search import Crossing, Track, apex, exponents_of, pair_exponents, pairs_of, polished
 from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only_any
 from maglev_ctrl.errors import Agreement
 from maglev_ctrl.systems import PeriodicSystem
@@ -123,8 +123,9 @@ class DampedPair:
         """The pair's exponents at passing frequencies (P,)."""
         expected = self.s[0] - added[0], self.s[1] - added[1]
         every = exponents_of([self.damped(added, float(W)) for W in places]) if read is None else read(places)
-        return [PairExponents(*pair_exponents(one, float(W), *expected))
-                for one, W in zip(every, places, strict=True)]  # fmt: skip
+        first, second = (np.full(len(places), one) for one in expected)
+        pairs = pairs_of(every, places, first, second)
+        return [PairExponents(complex(a), complex(b)) for a, b in zip(*pairs, strict=True)]
 
     def confirmed(self, added: tuple[float, float], *, gone: bool, read: Reader | None = None) -> bool:
         """Whether both engines find the pair decaying at its peak and beside it, or growing at its peak."""

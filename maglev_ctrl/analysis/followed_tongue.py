@@ -9,13 +9,22 @@ import numpy as np
 from maglev_ctrl.analysis.exponent_surface import SpeedSurface
 from maglev_ctrl.analysis.resonance_seeds import PairCoupling
 from maglev_ctrl.analysis.resonant_pair import ExpectedPair, PairExponents, PairWindow, expected_pair, pair_window
-from maglev_ctrl.analysis.tongue_search import NOISE, Crossing, Track, leading_exponents, pair_at, pair_exponents
+from maglev_ctrl.analysis.tongue_search import (
+    NOISE,
+    Crossing,
+    Track,
+    leading_exponents,
+    pair_at,
+    pair_exponents,
+    pairs_of,
+)
 from maglev_ctrl.analysis.tongue_widths import FirstOrder, first_order
 from maglev_ctrl.arrays import ComplexArray, FloatArray
 from maglev_ctrl.systems import PeriodicSystem, at_depth
 
 _WINDOWS = 2.0  # half a window over the predicted half-width
 _LEAST = 1e-4  # smallest half window relative to the speed
+_DEPTHS, _ACROSS, _CLOSER = 16, 33, 2  # depths and speeds of the search for any growth, and how often it closes in
 
 
 @dataclass(slots=True, eq=False)
@@ -77,7 +86,8 @@ class FollowedTongue:
         found = self.surface.exponents(speeds, np.full(len(speeds), depth))
         if found is None:
             return None
-        return [self.own(e, float(W), float(v), depth) for e, W, v in zip(*found, speeds, strict=True)]
+        expected = self.expected.many(speeds, depth)
+        return [PairExponents(complex(a), complex(b)) for a, b in zip(*pairs_of(*found, *expected), strict=True)]
 
     def own(self, exponents: ComplexArray, frequency: float, speed: float, depth: float) -> PairExponents:
         """The pair among all exponents at a speed."""
@@ -105,21 +115,46 @@ class FollowedTongue:
         half = 2.0 * float(np.sqrt(abs(product))) / order / abs(slope)
         return self.crossing.at - unit.detuning(share) / order / slope, half
 
+    def place(self, depth: float) -> tuple[float, float]:
+        """Where the tongue is looked for at a depth, and how far to either side."""
+        centre, half = self.predicted(depth)
+        a, b = self.theory.decay
+        half *= (a + b) / (2.0 * np.sqrt(a * b)) if a * b > 0.0 else 1.0
+        middle = float(np.clip(centre, *self.limits))
+        half = half if self.foreseen else max(abs(centre - self.crossing.at), 0.01 * middle)
+        return middle, float(np.clip(_WINDOWS * half, _LEAST * middle, 0.25 * middle))
+
     def window(self, depth: float) -> PairWindow | None:
         """The pair over speed at a depth, its tongue inside."""
         if depth not in self.windows:
-            centre, half = self.predicted(depth)
-            a, b = self.theory.decay
-            half *= (a + b) / (2.0 * np.sqrt(a * b)) if a * b > 0.0 else 1.0
-            low, high = self.limits
-            middle = float(np.clip(centre, low, high))
-            half = half if self.foreseen else max(abs(centre - self.crossing.at), 0.01 * middle)
-            reach = float(np.clip(_WINDOWS * half, _LEAST * middle, 0.25 * middle))
+            (low, high), (middle, reach) = self.limits, self.place(depth)
             self.windows[depth] = pair_window(
                 lambda speeds: self.pairs(speeds, depth), middle, reach,
                 limits=(max(low, 0.3 * middle), min(high, 2.0 * middle)), floor=self.floor,
             )  # fmt: skip
         return self.windows[depth]
+
+    def calm(self) -> bool:
+        """Whether nothing at all grows from the crossing to where the tongue is looked for, at any depth up to the
+        largest.
+
+        The highest place of each depth is closed in on, so that a tongue between two samples is not missed.
+        """
+        depths = np.linspace(0.0, self.largest_depth, _DEPTHS + 1)[1:]
+        spans = np.array([self.place(float(depth)) for depth in depths])
+        nearer, farther = np.minimum(spans[:, 0], self.crossing.at), np.maximum(spans[:, 0], self.crossing.at)
+        low, high = np.clip([nearer - spans[:, 1], farther + spans[:, 1]], *self.limits)
+        for _ in range(_CLOSER + 1):
+            speeds = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, _ACROSS)
+            found = self.surface.exponents(speeds.ravel(), np.repeat(depths, _ACROSS))
+            if found is None:
+                return False
+            growth = np.max(found[0].real, axis=1).reshape(speeds.shape)
+            if np.max(growth) >= 0.0:
+                return False
+            every, top = np.arange(len(depths)), np.argmax(growth, axis=1)
+            low, high = speeds[every, np.maximum(top - 1, 0)], speeds[every, np.minimum(top + 1, _ACROSS - 1)]
+        return True
 
     def peak(self, depth: float) -> float:
         """Largest growth of the pair over speed at a depth, 1/s; NaN where it cannot be followed."""

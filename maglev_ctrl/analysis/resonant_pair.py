@@ -19,6 +19,7 @@ from maglev_ctrl.systems import PeriodicSystem
 
 NODES = 9
 _DENSE = 801
+_CLOSER = 65  # points of each step that closes in on the top
 _TAIL = 1e-3  # last coefficients against the largest, below which a window is smooth enough to lead a search
 _MOST_WINDOWS = 6
 _MOST_NODES = 33
@@ -70,9 +71,14 @@ class ExpectedPair:
 
     def __call__(self, parameter: float, depth: float) -> tuple[complex, complex]:
         """The two expected exponents, 1/s."""
-        powers = (parameter - self.place) ** np.arange(3)
-        first, second = powers @ self.s + depth**2 * (powers @ self.shift)
-        return complex(first), complex(second)
+        first, second = self.many(np.array([parameter]), depth)
+        return complex(first[0]), complex(second[0])
+
+    def many(self, parameters: FloatArray, depth: float) -> tuple[ComplexArray, ComplexArray]:
+        """The two expected exponents at parameters (P,), (P,) each, 1/s."""
+        powers = np.vander(parameters - self.place, 3, increasing=True)
+        both = powers @ (self.s + depth**2 * self.shift)
+        return both[:, 0], both[:, 1]
 
 
 def expected_pair(path: Callable[[float], PeriodicSystem | None], crossing: Crossing, *, apart: float) -> ExpectedPair:
@@ -116,17 +122,22 @@ class PairWindow:
     def growth(self, at: FloatArray) -> FloatArray:
         """Larger real part of the two exponents at parameters (P,), 1/s."""
         u = (2.0 * np.asarray(at) - self.lower - self.upper) / (self.upper - self.lower)
-        root = np.sqrt(chebyshev.chebval(u, self.squared).astype(complex))
-        return np.asarray(chebyshev.chebval(u, self.mean) + np.abs(root.real))
+        parts = np.column_stack([self.mean, self.squared.real, self.squared.imag])
+        mean, real, imaginary = np.moveaxis(chebyshev.chebvander(u, len(parts) - 1) @ parts, -1, 0)
+        # larger real part of the root: half of modulus plus real part, the way round that does not cancel
+        modulus = np.hypot(real, imaginary)
+        plus = 0.5 * (modulus + np.abs(real))
+        square = np.where(real >= 0.0, plus, 0.25 * imaginary**2 / np.where(plus > 0.0, plus, 1.0))
+        return np.asarray(mean + np.sqrt(square))
 
     def top(self) -> tuple[float, float]:
         """Where growth is largest and that growth, 1/s."""
         low, high = self.lower, self.upper
-        for _ in range(3):
-            places = np.linspace(low, high, _DENSE)
+        for count in (_DENSE, *(_CLOSER,) * 3):
+            places = np.linspace(low, high, count)
             values = self.growth(places)
             k = int(np.argmax(values))
-            low, high = places[max(k - 1, 0)], places[min(k + 1, _DENSE - 1)]
+            low, high = places[max(k - 1, 0)], places[min(k + 1, count - 1)]
         return float(places[k]), float(values[k])
 
     def apex(self) -> float:
@@ -147,7 +158,7 @@ class PairWindow:
             if not len(below):
                 return None
             inner, outer = float(places[below[0] - 1]), float(places[below[0]])
-            found.append(float(brentq(lambda v: float(self.growth(np.array(v))) - floor, inner, outer)))
+            found.append(float(brentq(lambda v: float(self.growth(np.array([v]))[0]) - floor, inner, outer)))
         return found[0], found[1]
 
 

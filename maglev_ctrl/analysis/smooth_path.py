@@ -12,8 +12,8 @@ from maglev_ctrl.arrays import FloatArray, read_only_any
 from maglev_ctrl.errors import ModelError, OutOfDomain
 from maglev_ctrl.systems import PeriodicSystem
 
-_PIECES = 16
-_NODES = 12
+_NODES = 18
+_HALVINGS = 5
 _FIT = 1e-10  # largest misfit of an entry beside the nodes, relative to its largest value
 _ROUNDING = 1e-14  # and relative to the largest of all entries
 
@@ -30,7 +30,8 @@ class _Piece:
 class SmoothPath:
     """`path` between `lower` and `upper` by piecewise Chebyshev series, checked beside the nodes.
 
-    A piece where the model has no answer somewhere, or that the series does not follow to 1e-10, is asked exactly.
+    A piece where the model has no answer somewhere, or that the series does not follow to 1e-10, is cut in two; the
+    smallest ones are asked exactly.
 
     Examples
     --------
@@ -44,7 +45,7 @@ class SmoothPath:
     path: Callable[[float], PeriodicSystem]
     lower: float
     upper: float
-    pieces: dict[int, _Piece | None] = field(default_factory=dict)
+    pieces: dict[tuple[float, float], _Piece | None] = field(default_factory=dict)
 
     def __call__(self, parameter: float) -> PeriodicSystem:
         """The system at a parameter.
@@ -53,16 +54,20 @@ class SmoothPath:
         ------
         ModelError, OutOfDomain : as the path
         """
-        width = (self.upper - self.lower) / _PIECES
-        k = int(np.clip((parameter - self.lower) // width, 0, _PIECES - 1))
-        if k not in self.pieces:
-            self.pieces[k] = self._fitted(self.lower + k * width, self.lower + (k + 1) * width)
-        piece = self.pieces[k]
-        if piece is None or not self.lower <= parameter <= self.upper:
+        if not self.lower <= parameter <= self.upper:
             return self.path(parameter)
-        u = 2.0 * (parameter - self.lower - k * width) / width - 1.0
-        return _unpacked(chebyshev.chebvander(np.array([u]), len(piece.coefficients) - 1)[0] @ piece.coefficients,
-                         piece.like)  # fmt: skip
+        lower, upper = self.lower, self.upper
+        for _ in range(_HALVINGS + 1):
+            if (lower, upper) not in self.pieces:
+                self.pieces[lower, upper] = self._fitted(lower, upper)
+            piece = self.pieces[lower, upper]
+            if piece is not None:
+                u = (2.0 * parameter - lower - upper) / (upper - lower)
+                terms = chebyshev.chebvander(np.array([u]), len(piece.coefficients) - 1)[0]
+                return _unpacked(terms @ piece.coefficients, piece.like)
+            middle = _middle(lower, upper)
+            lower, upper = (lower, middle) if parameter <= middle else (middle, upper)
+        return self.path(parameter)
 
     def _fitted(self, lower: float, upper: float) -> _Piece | None:
         u = np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
@@ -80,6 +85,11 @@ class SmoothPath:
         if np.any(np.abs(misfit) > _FIT * np.max(np.abs(values), axis=0) + _ROUNDING * np.max(np.abs(values))):
             return None
         return _Piece(coefficients, systems[0])
+
+
+def _middle(lower: float, upper: float) -> float:
+    """Where a piece is cut: forces of a speed change with its ratio, and no more than with its difference."""
+    return float(np.sqrt(lower * upper)) if lower > 0.0 else 0.5 * (lower + upper)
 
 
 def _packed(system: PeriodicSystem) -> FloatArray:

@@ -284,16 +284,26 @@ def pair_exponents(
     >>> pair_exponents(np.array([-0.1 + 1j, -0.2 - 0.9j]), 2.0, 1j, -1j)
     ((-0.1+1j), (-0.2+1.1j))
     """
-    to_first = np.abs(_folded(exponents - first, frequency))
-    to_second = np.abs(_folded(exponents - second, frequency))
-    cost = to_first[:, None] + to_second[None, :]
-    np.fill_diagonal(cost, np.inf)
-    i, j = np.unravel_index(int(np.argmin(cost)), cost.shape)
-    one = complex(exponents[i])
-    return one, one - complex(_folded(np.asarray(one - exponents[j]), frequency))
+    one, other = pairs_of(exponents[None], np.array([frequency]), np.array([first]), np.array([second]))
+    return complex(one[0]), complex(other[0])
 
 
-def _folded(difference: ComplexArray, frequency: float) -> ComplexArray:
+def pairs_of(
+    exponents: ComplexArray, frequency: FloatArray, first: ComplexArray, second: ComplexArray
+) -> tuple[ComplexArray, ComplexArray]:
+    """`pair_exponents` of many systems: exponents (P, n), frequencies (P,), expected (P,); two arrays (P,)."""
+    W = frequency[:, None]
+    to_first = np.abs(_folded(exponents - first[:, None], W))
+    to_second = np.abs(_folded(exponents - second[:, None], W))
+    cost = to_first[:, :, None] + to_second[:, None, :]
+    every, n = np.arange(len(exponents)), exponents.shape[1]
+    cost[:, np.arange(n), np.arange(n)] = np.inf
+    i, j = np.divmod(np.argmin(cost.reshape(len(exponents), -1), axis=1), n)
+    one = exponents[every, i]
+    return one, one - _folded(one - exponents[every, j], frequency)
+
+
+def _folded(difference: ComplexArray, frequency: FloatArray) -> ComplexArray:
     return np.asarray(difference - 1j * frequency * np.round(difference.imag / frequency))
 
 

@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 from maglev_ctrl.analysis.exponent_surface import SpeedSurface
 from maglev_ctrl.analysis.floquet import Floquet, floquet
 from maglev_ctrl.analysis.followed_tongue import FollowedTongue
-from maglev_ctrl.analysis.resonance import Resonance
+from maglev_ctrl.analysis.resonance import Resonance, make_resonance
 from maglev_ctrl.analysis.resonance_naming import name_instability
 from maglev_ctrl.analysis.tongue_removal import TongueRemoval, feeding_shares, tongue_removal
 from maglev_ctrl.analysis.tongue_search import (
@@ -149,6 +149,8 @@ def _row(tongue: FollowedTongue, elements: Elements | None, removals: bool) -> T
         return replace(row, onset=0.0, reason="one of its modes grows without modulation")
     predicted = tongue.unit.critical(_BEYOND) * tongue.largest_depth
     onset, doubt = _onset(tongue, predicted)
+    if doubt and tongue.calm():
+        onset, doubt = float("inf"), ""
     row = replace(row, onset=onset)
     if doubt or not onset < tongue.depth:
         return replace(row, reason=doubt or ("begins at a greater depth" if np.isfinite(onset) else
@@ -230,13 +232,15 @@ def _interval(tongue: FollowedTongue) -> tuple[float, float, str]:
     if window is None or window.top()[1] <= tongue.floor:
         return nan, nan, "the pair cannot be followed at this depth"
     top = window.top()[0]
-    name = _covering(tongue, top)
-    if name != tongue.theory.resonance.name:
-        return nan, nan, f"overlaps with {name}" if name else "the engines do not decide at its centre"
+    found = _covering(tongue, top)
+    if found is None:
+        return nan, nan, "the engines do not decide at its centre"
+    if found.name != tongue.theory.resonance.name:
+        return nan, nan, f"overlaps with {_bare(found)}"
     if (edges := window.edges(tongue.floor)) is None:
         mixed = "overlaps with other tongues: the pair has no edge of its own"
         return nan, nan, "reaches beyond the range of speeds" if window.smooth else mixed
-    found = []
+    ends = []
     for rough in edges:
         speed = _edge(tongue, top, rough)
         if speed is None:
@@ -244,8 +248,8 @@ def _interval(tongue: FollowedTongue) -> tuple[float, float, str]:
         doubt = _doubt(tongue, top, speed)
         if doubt:
             return nan, nan, doubt
-        found.append(speed)
-    return 0.5 * (found[0] + found[1]), 0.5 * (found[1] - found[0]), ""
+        ends.append(speed)
+    return 0.5 * (ends[0] + ends[1]), 0.5 * (ends[1] - ends[0]), ""
 
 
 def _edge(tongue: FollowedTongue, top: float, rough: float) -> float | None:
@@ -282,7 +286,8 @@ def _doubt(tongue: FollowedTongue, top: float, edge: float) -> str:
         if inside.stable is False and calm:
             return ""
         if outside.stable is False and share == _SHARES[-1]:
-            return f"overlaps with {_covering(tongue, edge - share * (top - edge))}"
+            other = _covering(tongue, edge - share * (top - edge))
+            return f"overlaps with {'another tongue' if other is None else _bare(other)}"
     return "the engines do not confirm its edge"
 
 
@@ -306,12 +311,20 @@ def _grows(tongue: FollowedTongue, speed: float, depth: float) -> bool | None:
     return None if abs(pair.growth) <= bound else pair.growth > 0.0
 
 
-def _covering(tongue: FollowedTongue, speed: float) -> str:
-    """Name of the tongue that grows most at a speed; "" where the engines do not decide."""
+def _covering(tongue: FollowedTongue, speed: float) -> Resonance | None:
+    """The tongue that grows most at a speed; None where the engines do not decide."""
     system, result = tongue.at(speed, tongue.depth), _decided(tongue, speed, tongue.depth)
     if system is None or result is None or result.stable is not False:
-        return ""
-    return name_instability(system, result).name
+        return None
+    return name_instability(system, result)
+
+
+def _bare(found: Resonance) -> str:
+    """A tongue's name without the labels of its modes."""
+    if found.kind == "none":
+        return found.name
+    i, j = found.modes
+    return make_resonance(found.kind, found.order, (i, j), ("",) * max(i, j), frequency=found.frequency).name
 
 
 def _feeding(unit: PeriodicSystem, elements: Elements | None, one: Crossing) -> tuple[tuple[str, float], ...]:

@@ -9,7 +9,10 @@ import pytest
 
 import maglev_ctrl.analysis.tongue_table as table_module
 from maglev_ctrl.analysis.critical_depth import critical_depth
+from maglev_ctrl.analysis.exponent_surface import SpeedSurface
 from maglev_ctrl.analysis.floquet import floquet
+from maglev_ctrl.analysis.followed_tongue import FollowedTongue
+from maglev_ctrl.analysis.tongue_search import Crossing, Track
 from maglev_ctrl.analysis.tongue_table import TongueRow, tongue_table
 from maglev_ctrl.errors import ModelError
 from maglev_ctrl.systems import PeriodicSystem, SecondOrderSystem, at_depth, modulate
@@ -95,7 +98,8 @@ def test_overlapping_tongues_are_told_not_measured() -> None:
     for modes in ((1, 1), (2, 2)):
         assert np.isfinite(slim[("parametric", modes, 1)].computed_half_width)
         assert np.isnan(wide[("parametric", modes, 1)].computed_half_width)
-        assert "overlaps with" in wide[("parametric", modes, 1)].reason
+        told = wide[("parametric", modes, 1)].reason
+        assert "overlaps with" in told and not told.endswith(")")  # no labels of modes in a reason
 
 
 def test_undamped_mathieu_has_no_threshold() -> None:
@@ -153,3 +157,16 @@ def test_refusals() -> None:
 
     with pytest.raises(ModelError, match="no answer from 1 to 2 m/s: no equilibrium"):
         tongue_table(nothing, depth=0.1, lower=1.0, upper=2.0, largest_depth=0.1)
+
+
+def test_nothing_grows_below_the_threshold_and_the_narrow_tongue_above_it_is_seen() -> None:
+    """eps d = 4 zeta w^2: just below it nothing grows, just above it a tongue far narrower than the samples does."""
+    calm = []
+    for share in (0.99, 1.01):
+        largest = share * 4.0 * 0.002 / 0.5
+        surface = SpeedSurface.of(two_modes, lower=0.9, upper=1.1, largest_depth=largest)
+        base = Track(surface.smooth)
+        base.system(0.99), base.system(1.01)
+        tongue = FollowedTongue(base, surface, Crossing("parametric", (0, 0), 1, 1.0), largest, largest, (0.9, 1.1))
+        calm.append(tongue.calm())
+    assert calm == [True, False]
