@@ -7,7 +7,7 @@ exponents themselves are not. A few samples over a window about the tongue there
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -118,12 +118,16 @@ class PairWindow:
     mean: FloatArray
     squared: ComplexArray
     smooth: bool
+    _highest: tuple[float, float] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_highest", self._found())
 
     def growth(self, at: FloatArray) -> FloatArray:
         """Larger real part of the two exponents at parameters (P,), 1/s."""
         u = (2.0 * np.asarray(at) - self.lower - self.upper) / (self.upper - self.lower)
         parts = np.column_stack([self.mean, self.squared.real, self.squared.imag])
-        mean, real, imaginary = np.moveaxis(chebyshev.chebvander(u, len(parts) - 1) @ parts, -1, 0)
+        mean, real, imaginary = (chebyshev.chebvander(u, len(parts) - 1) @ parts).T
         # larger real part of the root: half of modulus plus real part, the way round that does not cancel
         modulus = np.hypot(real, imaginary)
         plus = 0.5 * (modulus + np.abs(real))
@@ -132,6 +136,9 @@ class PairWindow:
 
     def top(self) -> tuple[float, float]:
         """Where growth is largest and that growth, 1/s."""
+        return self._highest
+
+    def _found(self) -> tuple[float, float]:
         low, high = self.lower, self.upper
         for count in (_DENSE, *(_CLOSER,) * 3):
             places = np.linspace(low, high, count)
@@ -148,6 +155,18 @@ class PairWindow:
 
     def edges(self, floor: float = 0.0) -> tuple[float, float] | None:
         """Where growth passes `floor` on either side of the top; None when it does not on both."""
+        around = self.around(floor)
+        if around is None:
+            return None
+
+        def above(place: float) -> float:
+            return float(self.growth(np.array([place]))[0]) - floor
+
+        low, high = (float(brentq(above, *ends)) for ends in around)
+        return low, high
+
+    def around(self, floor: float = 0.0) -> tuple[tuple[float, float], tuple[float, float]] | None:
+        """Two places about each edge, the inner one first; None where there are no two edges."""
         top, height = self.top()
         if height <= floor:
             return None
@@ -155,10 +174,9 @@ class PairWindow:
         for end in (self.lower, self.upper):
             places = np.linspace(top, end, _DENSE)
             below = np.nonzero(self.growth(places) <= floor)[0]
-            if not len(below):
+            if not len(below) or below[0] == 0:
                 return None
-            inner, outer = float(places[below[0] - 1]), float(places[below[0]])
-            found.append(float(brentq(lambda v: float(self.growth(np.array([v]))[0]) - floor, inner, outer)))
+            found.append((float(places[below[0] - 1]), float(places[below[0]])))
         return found[0], found[1]
 
 
@@ -192,10 +210,9 @@ def pair_window(
         if window is None:
             return None
         apex, (top, height) = window.apex(), window.top()
-        edges = window.edges(floor)
         inside = min(top, apex) - lower > 0.1 * reach and upper - max(top, apex) > 0.1 * reach
         whole = lower <= limits[0] and upper >= limits[1]
-        if window.smooth and (inside or whole) and (height <= floor or edges is not None):
+        if window.smooth and (inside or whole) and (height <= floor or window.around(floor) is not None):
             return window
         if not window.smooth and nodes < _MOST_NODES:
             nodes = 2 * nodes - 1
