@@ -18,6 +18,8 @@ from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only_any
 from maglev_ctrl.errors import Agreement
 from maglev_ctrl.systems import PeriodicSystem
 
+_LOOKS, _LOOKS_INTEGRATED = 801, 33  # passing frequencies at which a tongue that is gone may not grow
+
 Reader = Callable[[FloatArray], ComplexArray]
 """Exponents (P, n) at passing frequencies (P,)."""
 
@@ -128,8 +130,14 @@ class DampedPair:
         return [PairExponents(complex(a), complex(b)) for a, b in zip(*pairs, strict=True)]
 
     def confirmed(self, added: tuple[float, float], *, gone: bool, read: Reader | None = None) -> bool:
-        """Whether both engines find the pair decaying at its peak and beside it, or growing at its peak."""
+        """Whether both engines find the pair decaying at its peak and beside it, or growing at its peak.
+
+        A tongue that is gone may not grow anywhere about its peak either: where others mix with it there may be more
+        peaks than one.
+        """
         _, W = self.peak(added, read)
+        if gone and self._grows_about(W, added, read):
+            return False
         reach = 0.25 * float(np.sqrt(abs(self.product))) / self.crossing.order
         for place in (W, W - reach, W + reach) if gone else (W,):
             found = floquet(self.damped(added, place))
@@ -140,6 +148,12 @@ class DampedPair:
             if (growth < 0.0) is not gone:
                 return False
         return True
+
+    def _grows_about(self, W: float, added: tuple[float, float], read: Reader | None) -> bool:
+        around = self.reach(added)
+        low, high = max(0.6 * self.frequency, W - around), min(1.4 * self.frequency, W + around)
+        places = np.linspace(low, high, _LOOKS if read is not None else _LOOKS_INTEGRATED)
+        return any(one.growth > 0.0 for one in self.sampled(added, places, read))
 
 
 @dataclass(slots=True, eq=False)
