@@ -1,4 +1,8 @@
-"""A pair of modes at one depth with damping added to either: its exponents over passing frequency and damping ratio."""
+"""A pair of modes at one depth with damping added to either: its exponents over passing frequency and damping ratio.
+
+Where several tongues lie at one place, the two exponents nearest to a pair say nothing of the others. A tongue is gone
+where the whole loop decays: no exponent of it grows at any passing frequency within the tongue's width.
+"""
 
 from __future__ import annotations
 
@@ -10,15 +14,28 @@ from scipy.optimize import brentq, minimize_scalar
 
 from maglev_ctrl.analysis.exponent_surface import ExponentSurface
 from maglev_ctrl.analysis.floquet import floquet
-from maglev_ctrl.analysis.resonance import modal_harmonics, pair_indices, state_modes
+from maglev_ctrl.analysis.resonance import modal_harmonics, pair_indices, pair_interval, state_modes
 from maglev_ctrl.analysis.resonance_seeds import PairCoupling, pair_coupling
 from maglev_ctrl.analysis.resonant_pair import PairExponents, pair_window
-from maglev_ctrl.analysis.tongue_search import Crossing, Track, apex, exponents_of, pair_exponents, pairs_of, polished
+from maglev_ctrl.analysis.tongue_search import (
+    NOISE,
+    Crossing,
+    Track,
+    apex,
+    exponents_of,
+    pair_exponents,
+    pairs_of,
+    polished,
+)
 from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only_any
 from maglev_ctrl.errors import Agreement
 from maglev_ctrl.systems import PeriodicSystem
 
-_LOOKS, _LOOKS_INTEGRATED = 801, 33  # passing frequencies at which a tongue that is gone may not grow
+_LOOKS, _LOOKS_SEARCHING = 801, 201  # passing frequencies of a window at which the whole loop is read
+_PEAKS, _CLOSER, _ROUNDS = 3, 9, 5  # peaks of its growth that are closed in on, by so many points, so many times
+_STEP = 1.25  # of the damping ratio, on the way to where the whole loop decays
+_AHEAD = 4.0  # how far beyond a ratio a surface reaches
+_UNDAMPED = 1e-9  # decay rate over modulus below which a mode has no damping
 
 Reader = Callable[[FloatArray], ComplexArray]
 """Exponents (P, n) at passing frequencies (P,)."""
@@ -129,31 +146,59 @@ class DampedPair:
         pairs = pairs_of(every, places, first, second)
         return [PairExponents(complex(a), complex(b)) for a, b in zip(*pairs, strict=True)]
 
-    def confirmed(self, added: tuple[float, float], *, gone: bool, read: Reader | None = None) -> bool:
-        """Whether both engines find the pair decaying at its peak and beside it, or growing at its peak.
+    def half_width(self) -> float:
+        """The tongue's half-width: of locking without damping, or the present first-order one if wider, rad/s."""
+        lock = 2.0 * float(np.sqrt(abs(self.product)))
+        present = pair_interval(*self.decay, self.product)[1]
+        half = max(lock, present if np.isfinite(present) else 0.0) / self.crossing.order
+        return float(np.clip(half, 1e-4 * self.frequency, 0.2 * self.frequency))
 
-        A tongue that is gone may not grow anywhere about its peak either: where others mix with it there may be more
-        peaks than one.
-        """
-        _, W = self.peak(added, read)
-        if gone and self._grows_about(W, added, read):
-            return False
-        reach = 0.25 * float(np.sqrt(abs(self.product))) / self.crossing.order
-        for place in (W, W - reach, W + reach) if gone else (W,):
+    def within(self, peaks: tuple[float, float]) -> tuple[float, float]:
+        """Passing frequencies within the tongue's width: about its peaks without and with damping, rad/s."""
+        half = self.half_width()
+        lean = abs(self.product.imag) > 1e-6 * abs(self.product)
+        around = 2.0 * half if lean else half  # a leaning tongue does not lie evenly about its peak
+        first, moved = peaks[0], float(np.clip(peaks[1], peaks[0] - around, peaks[0] + around))
+        low, high = min(first, moved) - around, max(first, moved) + around
+        return max(0.6 * self.frequency, low), min(1.4 * self.frequency, high)
+
+    def undamped(self, added: tuple[float, float]) -> int:
+        """How many eigenvalues of the mean system have no damping: they neither grow nor decay without modulation."""
+        s = np.linalg.eigvals(self.damped(added, self.frequency).A_0)
+        size = np.abs(s)
+        return int(np.sum(np.abs(s.real) <= _UNDAMPED * np.maximum(size, np.max(size))))
+
+    def grows(self, added: tuple[float, float], places: tuple[float, ...]) -> bool:
+        """Whether both engines find an exponent of the whole loop growing at one of the places."""
+        for place in places:
             found = floquet(self.damped(added, place))
-            if found.agreement is not Agreement.AGREED:
-                return False
-            margin = found.error_bound if gone else -found.error_bound
-            growth = self.growth(np.asarray(found.exponents + margin), place, added)
-            if (growth < 0.0) is not gone:
+            if found.agreement is Agreement.AGREED and np.any(found.exponents.real > found.error_bound):
+                return True
+        return False
+
+    def decays(self, added: tuple[float, float], places: tuple[float, ...]) -> bool:
+        """Whether both engines find the whole loop decaying at all of the places, its undamped modes left aside."""
+        spared = self.undamped(added)
+        for place in places:
+            found = floquet(self.damped(added, place))
+            growing = np.any(found.exponents.real > found.error_bound)
+            open_ = np.sum(found.exponents.real + found.error_bound >= 0.0)
+            if found.agreement is not Agreement.AGREED or growing or open_ > spared:
                 return False
         return True
 
-    def _grows_about(self, W: float, added: tuple[float, float], read: Reader | None) -> bool:
-        around = self.reach(added)
-        low, high = max(0.6 * self.frequency, W - around), min(1.4 * self.frequency, W + around)
-        places = np.linspace(low, high, _LOOKS if read is not None else _LOOKS_INTEGRATED)
-        return any(one.growth > 0.0 for one in self.sampled(added, places, read))
+
+def loop_growth(exponents: ComplexArray, frequency: FloatArray, undamped: int) -> FloatArray:
+    """Largest real part (P,) of all exponents (P, n), 1/s; undamped modes that stay so to rounding are left aside.
+
+    Examples
+    --------
+    >>> loop_growth(np.array([[-0.1 + 1j, 1e-15], [0.2, 1e-15]]), np.array([2.0, 2.0]), 1).tolist()
+    [-0.1, 0.2]
+    """
+    real = np.sort(exponents.real, axis=1)[:, ::-1]
+    spared = real[:, min(undamped, real.shape[1] - 1)]
+    return np.where(real[:, 0] <= NOISE * frequency / (2.0 * np.pi), spared, real[:, 0]) if undamped else real[:, 0]
 
 
 @dataclass(slots=True, eq=False)
@@ -163,6 +208,7 @@ class Damping:
     pair: DampedPair
     weight: tuple[float, float]
     surface: ExponentSurface | None = None
+    spanned: float = 0.0
 
     def added(self, ratio: float) -> tuple[float, float]:
         """Decay rates that a ratio adds, 1/s."""
@@ -176,6 +222,7 @@ class Damping:
         self.surface = ExponentSurface.of(
             lambda W, ratio: self.pair.damped(self.added(ratio), W), (low, high), (0.0, most), linear=False
         )
+        self.spanned = most
 
     def reader(self, ratio: float) -> Reader:
         """Exponents over the passing frequency at a ratio."""
@@ -192,8 +239,80 @@ class Damping:
         """Growth of the pair at its peak, for searches, 1/s."""
         return self.pair.peak(self.added(ratio), self.reader(ratio))[0]
 
+    def loop_peaks(self, ratio: float, within: tuple[float, float], looks: int) -> tuple[FloatArray, FloatArray]:
+        """Where in a window the whole loop grows most, rad/s, and its growth there, 1/s; the largest first."""
+        read, undamped = self.reader(ratio), self.pair.undamped(self.added(ratio))
+
+        def grows(places: FloatArray) -> FloatArray:
+            return loop_growth(read(places), places, undamped)
+
+        step = (within[1] - within[0]) / (looks - 1)
+        places = np.linspace(*within, looks)
+        height = grows(places)
+        beyond = np.concatenate([[-np.inf], height, [-np.inf]])
+        tops = np.nonzero((height >= beyond[:-2]) & (height > beyond[2:]))[0]
+        at = places[tops[np.argsort(-height[tops])[:_PEAKS]]]
+        best = grows(at)
+        for _ in range(_ROUNDS):
+            closer = np.clip(at[:, None] + step * np.linspace(-1.0, 1.0, _CLOSER), *within)
+            height = grows(closer.ravel()).reshape(closer.shape)
+            k = np.argmax(height, axis=1)
+            every = np.arange(len(at))
+            at, best = closer[every, k], height[every, k]
+            step *= 2.0 / (_CLOSER - 1)
+        order = np.argsort(-best)
+        return at[order], best[order]
+
+    def loop_growth(self, ratio: float, within: tuple[float, float]) -> float:
+        """Largest growth of the whole loop in a window, for searches, 1/s."""
+        return float(self.loop_peaks(ratio, within, _LOOKS_SEARCHING)[1][0])
+
+    def loop_root(self, start: float, largest: float, within: tuple[float, float]) -> float | None:
+        """The ratio near `start` at which the whole loop ceases to grow in a window; None: not up to `largest`."""
+        low = high = max(start, 1e-4 * largest)
+        while self.loop_growth(high, within) > 0.0:
+            if high >= largest:
+                return None
+            low, high = high, min(_STEP * high, largest)
+            if high > self.spanned:
+                self.span(min(_AHEAD * high, largest))
+        while low >= high or self.loop_growth(low, within) <= 0.0:
+            low, high = low / _STEP, low
+            if low < 1e-6 * largest:
+                return 0.0
+        found = float(brentq(lambda ratio: self.loop_growth(ratio, within), low, high, xtol=1e-7 * high, rtol=1e-7))
+        W = np.array([self.loop_peaks(found, within, _LOOKS)[0][0]])
+
+        def exact(ratio: float) -> float:
+            added = self.added(ratio)
+            return self._loop_at(exponents_of([self.pair.damped(added, float(W[0]))]), W, ratio)
+
+        def sought(ratio: float) -> float:
+            return self._loop_at(self.reader(ratio)(W), W, ratio)
+
+        return polished(exact, sought, found, 1e-4 * found)
+
+    def there(self, ratio: float, within: tuple[float, float]) -> bool:
+        """Whether both engines find the whole loop growing in a window, where it grows most."""
+        return self.pair.grows(
+            self.added(ratio), tuple(float(W) for W in self.loop_peaks(ratio, within, _LOOKS)[0][:1])
+        )
+
+    def gone(self, ratio: float, within: tuple[float, float]) -> bool:
+        """Whether no exponent of the whole loop grows in a window: read densely, verified by both engines.
+
+        They look at the peaks of its growth, and to either side where it has one peak only.
+        """
+        tops, growth = self.loop_peaks(ratio, within, _LOOKS)
+        if growth[0] > 0.0:
+            return False
+        W = float(tops[0])
+        reach = 0.25 * float(np.sqrt(abs(self.pair.product))) / self.pair.crossing.order
+        beside = (W - reach, W + reach) if len(tops) == 1 else tuple(float(one) for one in tops[1:])
+        return self.pair.decays(self.added(ratio), (W, *beside))
+
     def root(self, top: float) -> float:
-        """The ratio up to `top` at which the growth at the peak passes zero."""
+        """The ratio up to `top` at which the growth of the pair at its peak passes zero."""
         found = float(brentq(self.growth, 0.0, top, xtol=1e-7 * top, rtol=1e-7))
         W = self.pair.peak(self.added(found), self.reader(found))[1]
 
@@ -208,3 +327,6 @@ class Damping:
 
     def _at(self, W: float, ratio: float, read: Reader | None) -> float:
         return self.pair.sampled(self.added(ratio), np.array([W]), read)[0].growth
+
+    def _loop_at(self, exponents: ComplexArray, W: FloatArray, ratio: float) -> float:
+        return float(loop_growth(exponents, W, self.pair.undamped(self.added(ratio)))[0])

@@ -2,7 +2,8 @@
 
 Damping is added to modes: the decay rate of mode m grows by zeta |s_m|, its frequency and its shape stay. The closed
 form is Hsu's: with decay rates a, b and the product g of the two couplings, a tongue is gone over all detunings when
-2 (a + zeta_i w_i) (b + zeta_j w_j) = |g| + Re g. The exact value is found on the Floquet exponents of the pair.
+2 (a + zeta_i w_i) (b + zeta_j w_j) = |g| + Re g. The exact value is found on the Floquet exponents: on those of the
+pair first, and where others grow within the tongue's width, on all of them.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from maglev_ctrl.systems import PeriodicSystem, SecondOrderSystem, at_depth
 from maglev_ctrl.vehicle import ElementModulation
 
 _WIDER = 1.05  # a half-width beyond this times the present one is warned of; equal ratios alone make some of it
+_NEAR = 1.25  # a tongue that begins up to this times the depth is named as one of a crowd
 _BRACKETS = (1e-5, 1e-4, 1e-3, 1e-2)  # relative distances from the removing damping at which the engines are asked
 
 
@@ -38,10 +40,18 @@ _BRACKETS = (1e-5, 1e-4, 1e-3, 1e-2)  # relative distances from the removing dam
 class Removal:
     """Smallest damping ratio, added to `modes` (counted from 1), that removes a tongue.
 
-    `closed_form`: Hsu's (inf: no damping of these modes does it). `unsafe`, `safe`: the tongue is still there at the
-    one and gone at the other, both verified by both engines; safe is inf where it is still there at the largest ratio
-    tried. NaN with agreement UNRESOLVED where the engines do not confirm it. `widening`: largest first-order half-width
-    met on the way over the present one; `warning` in words when damping first widens the tongue.
+    `closed_form`: Hsu's (inf: no damping of these modes does it). `safe`: with this ratio no exponent of the whole loop
+    grows at any passing frequency within the tongue's width, whichever pair it belongs to. The width: about the peaks
+    of the pair without and with damping, to either side the half-width over which the pair locks without damping, or
+    the present first-order one if that is wider (twice as far where couplings of unlike phase make the tongue lean).
+    It is read at 801 places and closed in on at its peaks; there, and about the pair's peak, both engines verify it. A
+    tongue narrower than a step of that can be missed. `unsafe`: both engines find the loop growing. safe is inf where
+    the tongue is still there at the largest ratio tried. NaN with agreement UNRESOLVED where the engines do not confirm
+    it, or where something else grows within the width up to the largest ratio: `TongueRemoval.crowd` names it. Modes
+    without any damping, which stay so, are left aside.
+
+    `widening`: largest first-order half-width met on the way over the present one; `warning` in words when damping
+    first widens the tongue, or when something else goes on growing.
     """
 
     modes: tuple[int, ...]
@@ -58,8 +68,9 @@ class TongueRemoval:
     """One tongue at one depth: its `name`, `frequency` (rad/s) of exact resonance, `growth` (1/s) at its peak.
 
     `equal`: the same ratio added to both modes. `alone`: to either mode of a combination tongue alone. `crowd`: other
-    tongues present within its width; their exponents mix with this pair's, and the exact values speak of the two
-    exponents nearest to it.
+    tongues within its width that first-order theory finds there, or within a quarter of their depth of beginning, with
+    the damping as it is or as it is added on the way. Their exponents mix with this pair's: `growth` then speaks of the
+    two exponents nearest to it, the removing ratios of all.
     """
 
     name: str
@@ -132,29 +143,36 @@ def tongue_removal(
         raise ValueError(f"modes: expected two of the oscillating modes and an order from 1, got {modes}, {order}")
     pair, first = DampedPair.of(scaled, crossing), known[1]
     crossing = replace(crossing, at=pair.frequency)
-    present = pair.peak((0.0, 0.0))[0]
-    equal = _removal(pair, (low, high) if low != high else (low,), (1.0, 1.0), largest, present)
-    alone = () if low == high else tuple(
-        _removal(pair, (mode,), pair.weights_of(mode), largest, present) for mode in (low, high)
-    )  # fmt: skip
+    present = pair.peak((0.0, 0.0))
+    ways = [((low, high) if low != high else (low,), (1.0, 1.0))]
+    ways += [] if low == high else [((mode,), pair.weights_of(mode)) for mode in (low, high)]
+    found = [_removal(pair, which, share, largest, present) for which, share in ways]
+    asked = [(0.0, 0.0), *(added for _, more in found for added in more)]
+    names = dict.fromkeys(name for added in asked for name in _crowd(pair, added))
     name = make_resonance(kind, order, (low, high), first.labels, frequency=pair.frequency).name
-    return TongueRemoval(name, crossing, depth, pair.frequency, present, equal, alone,
-                         _crowd(scaled, crossing, 2.0 * float(np.sqrt(abs(pair.product))) / order))  # fmt: skip
+    return TongueRemoval(name, crossing, depth, pair.frequency, present[0], found[0][0],
+                         tuple(one for one, _ in found[1:]), tuple(names))  # fmt: skip
 
 
-def _crowd(system: PeriodicSystem, crossing: Crossing, reach: float) -> tuple[str, ...]:
-    """Names of the other tongues present at this depth whose centres lie within `reach` (rad/s) of this one's."""
+def _crowd(pair: DampedPair, added: tuple[float, float]) -> tuple[str, ...]:
+    """Names of the other tongues that reach into this one's width, there or about to be with decay rates added, 1/s."""
+    middle, half, own = pair.frequency, pair.half_width(), pair.crossing
+    system = pair.damped(added, pair.frequency)
     modes = state_modes(system.A_0, states=system.states)
+    harmonics = modal_harmonics(modes, system.A_cos, system.A_sin)
     names = []
     for kind, i, j in resonant_pairs(len(modes.oscillating)):
+        first, second, distance = pair_indices(modes, kind, i, j)
         for order in range(1, 2 * len(system.A_cos) + 1):
-            frequency = pair_indices(modes, kind, i, j)[2] / order
-            same = (kind, (i, j), order) == (crossing.kind, crossing.modes, crossing.order)
-            if same or abs(frequency - crossing.at) > reach:
+            frequency = distance / order
+            same = (kind, (i, j), order) == (own.kind, own.modes, own.order)
+            direct = harmonics[order][first, second] * harmonics[-order][second, first] if order in harmonics else 0.0
+            if same or abs(frequency - middle) > half + 2.0 * np.sqrt(abs(direct)) / order:
                 continue
-            known = pair_at(system, Crossing(kind, (i, j), order, frequency))
-            if known is not None and known[0].critical(1.0) <= 1.0:
-                names.append(make_resonance(kind, order, (i + 1, j + 1), modes.labels, frequency=frequency).name)
+            known = pair_coupling(modes, harmonics, first=first, second=second, order=order, frequency=frequency)
+            if known.critical(_NEAR) > _NEAR:
+                continue
+            names.append(make_resonance(kind, order, (i + 1, j + 1), modes.labels, frequency=frequency).name)
     return tuple(names)
 
 
@@ -239,38 +257,64 @@ def _coupling(
     return (pair.direct if chosen == 1 else pair.indirect), chosen
 
 
+_Told = tuple[Removal, tuple[tuple[float, float], ...]]
+
+
 def _removal(
-    pair: DampedPair, modes: tuple[int, ...], share: tuple[float, float], largest: float, present: float
-) -> Removal:  # fmt: skip
-    """Closed form and exact for one way of sharing the damping out; `present` growth of the pair at its peak, 1/s."""
+    pair: DampedPair, modes: tuple[int, ...], share: tuple[float, float], largest: float, present: tuple[float, float]
+) -> _Told:  # fmt: skip
+    """One way of sharing the damping out, and decay rates added at which something else grows, 1/s.
+
+    `present`: growth of the pair at its peak, 1/s, and where that is, rad/s.
+    """
     weight = (share[0] * pair.modulus[0], share[1] * pair.modulus[1])
     closed = _closed_form(pair.decay, weight, pair.needed())
     damping = Damping(pair, weight)
     widening, warning = _widening(pair, weight, min(closed, largest), modes)
 
-    def told(unsafe: float, safe: float, resolved: bool = True) -> Removal:
+    def told(unsafe: float, safe: float, *others: float, resolved: bool = True, why: str = "") -> _Told:
         agreement = Agreement.AGREED if resolved else Agreement.UNRESOLVED
-        return Removal(modes, closed, unsafe, safe, agreement, widening, warning)
+        words = "; ".join(one for one in (warning, why) if one)
+        asked = tuple(damping.added(ratio) for ratio in others)
+        return Removal(modes, closed, unsafe, safe, agreement, widening, words), asked
 
-    nan = float("nan")
-    if present <= 0.0:
-        return told(nan, 0.0) if pair.confirmed((0.0, 0.0), gone=True) else told(nan, nan, False)
+    nan, peak = float("nan"), present[1]
+    which = f"mode {modes[0]} alone" if len(modes) == 1 else "both modes"
+    why = f"damping {which} up to {largest:g} leaves something else growing within its width"
     top = min(2.0 * closed, largest) if closed > 0.0 else min(1e-3, largest)
     damping.span(top)
-    while damping.growth(top) > 0.0:
-        if top >= largest:
-            still = pair.confirmed(damping.added(largest), gone=False)
-            return told(largest, float("inf")) if still else told(nan, nan, False)
-        top = min(2.0 * top, largest)
-        damping.span(top)
-    ratio = damping.root(top)
+    within = pair.within((peak, peak))
+    if present[0] <= 0.0 and damping.gone(0.0, within):
+        return told(nan, 0.0)
+    others: tuple[float, ...] = ()
+    start = min(closed, largest)
+    if closed <= largest and any(_crowd(pair, damping.added(ratio)) for ratio in (0.0, start)):
+        # the two exponents nearest to the pair may be another's: the whole loop is all there is to ask
+        within = pair.within((peak, pair.frequency))
+        found = damping.loop_root(start, largest, within)
+        if found is None:
+            return told(nan, nan, start, largest, resolved=False, why=why)
+        ratio, others = found, (start, found)
+    else:
+        while damping.growth(top) > 0.0:
+            if top >= largest:
+                still = pair.grows(damping.added(largest), (pair.peak(damping.added(largest))[1],))
+                return told(largest, float("inf")) if still else told(nan, nan, resolved=False)
+            top = min(2.0 * top, largest)
+            damping.span(top)
+        ratio = damping.root(top) if present[0] > 0.0 else 0.0
+        within = pair.within((peak, pair.peak(damping.added(ratio), damping.reader(ratio))[1]))
+        beyond = min(ratio * (1.0 + _BRACKETS[-1]), largest)
+        if damping.loop_growth(beyond, within) > 0.0:
+            found = damping.loop_root(beyond, largest, within)
+            if found is None:
+                return told(nan, nan, ratio, largest, resolved=False, why=why)
+            ratio, others = found, (ratio, found)
     for apart in _BRACKETS:
         low, high = ratio * (1.0 - apart), ratio * (1.0 + apart)
-        if pair.confirmed(damping.added(low), gone=False, read=damping.reader(low)) and pair.confirmed(
-            damping.added(high), gone=True, read=damping.reader(high)
-        ):
-            return told(low, high)
-    return told(nan, nan, False)
+        if damping.there(low, within) and damping.gone(high, within):
+            return told(low, high, *others)
+    return told(nan, nan, *others, resolved=False)
 
 
 def _closed_form(decay: tuple[float, float], weight: tuple[float, float], needed: float) -> float:

@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from maglev_ctrl.analysis.damped_pair import DampedPair, Damping
 from maglev_ctrl.analysis.floquet import floquet
 from maglev_ctrl.analysis.tongue_removal import element_terms, feeding_shares, tongue_removal, tongue_removals
-from maglev_ctrl.analysis.tongue_search import Crossing
+from maglev_ctrl.analysis.tongue_search import Crossing, exponents_of
 from maglev_ctrl.errors import Agreement
 from maglev_ctrl.forces import ImageForce
 from maglev_ctrl.guideway import common_period
-from maglev_ctrl.systems import PeriodicSystem, SecondOrderSystem, modulate
+from maglev_ctrl.systems import PeriodicSystem, SecondOrderSystem, at_depth, modulate
 from maglev_ctrl.vehicle import (
     OperatingPoint,
     Vehicle,
@@ -131,6 +132,96 @@ def test_tongues_at_one_place_name_each_other() -> None:
     found = tongue_removal(unit, "sum", (1, 2), order=1, depth=0.1)
     assert [name.split(" (")[0] for name in found.crowd] == ["2 w1/1", "2 w2/1"]
     assert tongue_removal(two_modes(SUM, (1e-3, 1e-3)), "sum", (1, 2), order=1, depth=0.05).crowd == ()
+
+
+TWINS = (1.0, 1.0035)
+TWIN_DEPTH, TWIN_COUPLING = 0.1, 0.658
+
+
+def twins() -> PeriodicSystem:
+    """Two bogies of nearly one frequency: 2 w1, w1 + w2 and 2 w2 at one place."""
+    plant = SecondOrderSystem.from_matrices(np.eye(2), 0.0276 * np.eye(2), np.diag(np.square(TWINS)))
+    return modulate(plant, [[[0.33, TWIN_COUPLING], [TWIN_COUPLING, -0.32]]], frequency=2.0)
+
+
+def with_modal_damping(unit: PeriodicSystem, ratios: dict[int, float]) -> PeriodicSystem:
+    """Decay rates zeta |s| added by the eigenvectors of A_0; modes counted from 1, in order of frequency."""
+    s, right = np.linalg.eig(unit.A_0)
+    frequencies = sorted(s.imag[s.imag > 0.0])
+    moved = s.copy()
+    for mode, ratio in ratios.items():
+        own = np.abs(np.abs(s.imag) - frequencies[mode - 1]) < 1e-9
+        moved[own] -= ratio * np.abs(s[own])
+    return replace(at_depth(unit, TWIN_DEPTH), A_0=(right @ np.diag(moved) @ np.linalg.inv(right)).real)
+
+
+def worst_about(system: PeriodicSystem) -> tuple[float, float]:
+    """Largest growth of the whole loop over passing frequencies of the tongue's width, and where: brute force."""
+    half = TWIN_DEPTH * TWIN_COUPLING / (2.0 * np.sqrt(TWINS[0] * TWINS[1]))  # 2 sqrt|g|
+    places = sum(TWINS) + np.linspace(-half, half, 2001)
+    growth = np.max(exponents_of([replace(system, frequency=np.asarray(W)) for W in places]).real, axis=1)
+    k = int(np.argmax(growth))
+    return float(growth[k]), float(places[k])
+
+
+def test_a_tongue_in_a_crowd_is_gone_where_the_whole_loop_decays() -> None:
+    unit = twins()
+    found = tongue_removal(unit, "sum", (1, 2), order=1, depth=TWIN_DEPTH)
+    assert sorted(name.split(" (")[0] for name in found.crowd) == ["2 w1/1", "2 w2/1"]
+    for removal in (found.equal, *found.alone):
+        assert removal.agreement is Agreement.AGREED
+        assert removal.unsafe < removal.safe < removal.unsafe * 1.001
+        for ratio, stable in ((removal.safe, True), (removal.unsafe, False)):
+            damped = with_modal_damping(unit, dict.fromkeys(removal.modes, ratio))
+            growth, W = worst_about(damped)
+            assert (growth < 0.0) is stable
+            there = floquet(replace(damped, frequency=np.asarray(W)))
+            assert there.agreement is Agreement.AGREED and there.stable is stable
+
+
+def test_asking_the_nearest_pair_alone_mutant_is_caught() -> None:
+    """With one mode damped the other's own tongue remains, which the two exponents nearest to w1 + w2 do not tell."""
+    unit = twins()
+    found = tongue_removal(unit, "sum", (1, 2), order=1, depth=TWIN_DEPTH)
+    pair = DampedPair.of(at_depth(unit, TWIN_DEPTH), found.crossing)
+    for removal in found.alone:
+        first, second = pair.weights_of(removal.modes[0])
+        damping = Damping(pair, (first * pair.modulus[0], second * pair.modulus[1]))
+        damping.span(0.1)
+        mutant = damping.root(0.1)
+        assert mutant < 0.5 * removal.safe
+        damped = with_modal_damping(unit, {removal.modes[0]: 1.001 * mutant})
+        growth, W = worst_about(damped)
+        assert growth > 1e-3
+        there = floquet(replace(damped, frequency=np.asarray(W)))
+        assert there.agreement is Agreement.AGREED and not there.stable
+        assert not damping.gone(1.001 * mutant, pair.within((pair.frequency, pair.frequency)))
+
+
+def test_a_tongue_that_this_damping_does_not_touch_leaves_it_unresolved() -> None:
+    """2 w3 = w1 + w2 of a third mode that nothing couples to the two: no damping of these makes that place safe."""
+    third = 0.5 * (W1 + W2) + 0.002
+    plant = SecondOrderSystem.from_matrices(np.eye(3), 0.004 * np.eye(3), np.diag([W1**2, third**2, W2**2]))
+    K = np.array([[0.1, 0.0, 0.4], [0.0, 0.3, 0.0], [0.3, 0.0, 0.1]])
+    found = tongue_removal(modulate(plant, [K], frequency=2.7), "sum", (1, 3), order=1, depth=0.1)
+    assert [name.split(" (")[0] for name in found.crowd] == ["2 w2/1"]
+    for removal in (found.equal, *found.alone):
+        assert removal.agreement is Agreement.UNRESOLVED and np.isnan(removal.safe) and np.isnan(removal.unsafe)
+        assert "leaves something else growing" in removal.warning
+    # the same without the third mode's own modulation
+    K[1, 1] = 0.0
+    alone = tongue_removal(modulate(plant, [K], frequency=2.7), "sum", (1, 3), order=1, depth=0.1)
+    assert alone.crowd == () and alone.equal.agreement is Agreement.AGREED
+
+
+def test_an_undamped_mode_that_stays_so_is_left_aside() -> None:
+    plant = SecondOrderSystem.from_matrices(np.eye(3), np.diag([0.004, 0.004, 0.0]), np.diag([W1**2, W2**2, 9.0]))
+    K = np.zeros((3, 3))
+    K[:2, :2] = SUM
+    found = tongue_removal(modulate(plant, [K], frequency=2.7), "sum", (1, 2), order=1, depth=0.1)
+    without = tongue_removal(two_modes(SUM, (0.004, 0.004)), "sum", (1, 2), order=1, depth=0.1)
+    assert found.equal.agreement is Agreement.AGREED
+    assert found.equal.safe == pytest.approx(without.equal.safe, rel=1e-4)
 
 
 def test_a_stable_pair_needs_nothing() -> None:
