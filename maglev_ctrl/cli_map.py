@@ -65,6 +65,9 @@ def stability_map(
     map_only: Annotated[
         bool, typer.Option("--map-only", help="Leave out tongues, speed ranges and margins, which take longer.")
     ] = False,
+    merge_delays: Annotated[
+        bool, typer.Option("--merge-delays", help="Delay and bandwidth of an actuator as one lag: faster, not exact.")
+    ] = False,
     list_quantities: Annotated[
         bool, typer.Option("--list-quantities", help="Show what --x and --y can be; nothing is computed.")
     ] = False,
@@ -90,7 +93,7 @@ def stability_map(
     try:
         request = map_request(
             read, x=x, y=y, options=option or (), backend=backend.value, coverage=coverage.value,
-            periodic_law=periodic_law, tables=not map_only,
+            periodic_law=periodic_law, tables=not map_only, merge_delays=merge_delays,
         )  # fmt: skip
     except ValueError as error:
         raise ScenarioError(f"{scenario}: {error}") from None

@@ -15,6 +15,7 @@ from maglev_ctrl.arrays import ComplexArray, FloatArray
 from maglev_ctrl.kernels import hill_matrix, hill_pair
 from maglev_ctrl.systems import PeriodicSystem
 
+MOSTLY = 2.0  # growth beyond this times the mode's own without modulation is owed to a resonance for the most part
 _LEAST_SHARE = 0.02  # a partner with less than this share of the leading one is no partner
 
 
@@ -61,7 +62,8 @@ def name_exponent(
     participation, _ = exponent_participation(A_0, A_cos, A_sin, frequency=frequency, exponent=exponent, modes=modes)
     size = np.abs(participation)
     first, k_first = np.unravel_index(int(np.argmax(size)), size.shape)
-    if modes.s[first].real > 1e-9 * abs(modes.s[first]):
+    own = float(modes.s[first].real)
+    if own > 1e-9 * abs(modes.s[first]) and exponent.real < MOSTLY * own:
         return NO_RESONANCE
     others = size.copy()
     others[:, k_first] = 0.0

@@ -16,9 +16,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from maglev_ctrl.analysis.floquet import scaled_coefficients
+from maglev_ctrl.analysis.floquet import floquet, scaled_coefficients
 from maglev_ctrl.analysis.plane_cells import adaptive_rows
 from maglev_ctrl.analysis.plane_estimate import MapEstimate, rough_estimate
+from maglev_ctrl.analysis.plane_mean import growth_without_modulation
 from maglev_ctrl.analysis.plane_panels import Panel, build_panels
 from maglev_ctrl.analysis.plane_pixels import PanelPixels, direct_pixels
 from maglev_ctrl.analysis.plane_records import (
@@ -32,10 +33,10 @@ from maglev_ctrl.analysis.plane_records import (
     StabilityPlane,
 )
 from maglev_ctrl.analysis.region_naming import HILL_AGREEMENT, check_points, hill_difference, name_regions
-from maglev_ctrl.analysis.resonance import Resonance, state_modes
-from maglev_ctrl.analysis.resonance_naming import name_exponent
+from maglev_ctrl.analysis.resonance import NO_RESONANCE, Resonance, state_modes
+from maglev_ctrl.analysis.resonance_naming import MOSTLY, name_exponent
 from maglev_ctrl.arrays import FloatArray, read_only, read_only_any
-from maglev_ctrl.errors import ModelError, OutOfDomain
+from maglev_ctrl.errors import Agreement, ModelError, OutOfDomain
 from maglev_ctrl.kernels.radius_engines import radius_engine
 from maglev_ctrl.kernels.spectral_radius import RadiusEngine, leading_eigenvalues
 
@@ -278,7 +279,7 @@ class _Canvas:
         points, difference = self._verify(checks)
         unstable = self.state == UNSTABLE
         self.progress("names of the unstable regions", 1.0)
-        index, tongues = name_regions(self.growth, unstable, lambda i, j: self._name(i, j, states, labels))
+        index, tongues = self._named(unstable, states, labels)
         direct = sum(p.rectangle.pixels for p in self.panels if p.series is None)
         series = sum(p.series is not None for p in self.panels)
         steps = np.diff(self.x.values)
@@ -292,6 +293,20 @@ class _Canvas:
             method=f"Taylor propagators, Chebyshev series on {series} panel{'s' * (series != 1)}, {direct} points "
                    f"integrated one by one, {len(points)} points checked by Hill's method",
         )  # fmt: skip
+
+    def _named(
+        self, unstable: NDArray[np.bool_], states: tuple[str, ...], labels: tuple[str, ...] | None
+    ) -> tuple[NDArray[np.int64], tuple[Resonance, ...]]:
+        """Names of the unstable points; what grows for the most part without modulation is no tongue."""
+        own = growth_without_modulation(self.family, self.x, self.y, unstable)
+        alone = unstable & (own > 0.0) & (self.growth < MOSTLY * own)
+        index, tongues = name_regions(self.growth, unstable & ~alone, lambda i, j: self._name(i, j, states, labels))
+        if np.any(alone):
+            names = [one.name for one in tongues]
+            if NO_RESONANCE.name not in names:
+                names, tongues = [*names, NO_RESONANCE.name], (*tongues, NO_RESONANCE)
+            index[alone] = names.index(NO_RESONANCE.name)
+        return index, tongues
 
     def _verify(self, checks: int) -> tuple[NDArray[np.int64], FloatArray]:
         """Compare points with Hill's method; a panel with a point that disagrees is unresolved as a whole."""
@@ -323,8 +338,14 @@ class _Canvas:
         W = float(system.frequency)
         A_0, A_cos, A_sin = scaled_coefficients(system.A_0, system.A_cos, system.A_sin)
         apart = hill_difference(A_0, A_cos, A_sin, frequency=W, multiplier=multiplier)
+        growth = float(np.log(abs(multiplier))) * W / (2.0 * np.pi)
+        if not apart <= HILL_AGREEMENT * W:
+            # a few harmonics may be too few for Hill's method, or it may lose digits to a stiff model
+            decided = floquet(system)
+            if decided.agreement is Agreement.AGREED:
+                apart = max(abs(decided.growth_rate - growth) - decided.growth_error, 0.0)
         if not self.interpolated[i, j]:
-            apart = max(apart, abs(float(np.log(abs(multiplier))) * W / (2.0 * np.pi) - self.growth[i, j]))
+            apart = max(apart, abs(growth - self.growth[i, j]))
         return apart, HILL_AGREEMENT * W
 
     def _multiplier(self, panel: Panel, i: int, j: int) -> complex:

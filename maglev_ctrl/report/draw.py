@@ -14,7 +14,7 @@ import numpy as np
 
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.report.chart import Area, Axis, Bars, Cells, Chart, Heat, Item, Line, Marks, Note, Panel, Rule, Span
-from maglev_ctrl.report.legend import DASHES, SYMBOLS, legend_entries
+from maglev_ctrl.report.legend import DASHES, SYMBOLS, legend_columns, legend_entries
 from maglev_ctrl.report.raster import outer_edges, rectangles
 from maglev_ctrl.report.style import FONT_SIZE, GRID, INK, ON_MAP, PAPER, RAMPS, RC, WIDTH, tick_text
 
@@ -75,7 +75,8 @@ def draw(chart: Chart) -> Figure:
             )  # fmt: skip
         elif entries and chart.legend == "bottom":
             figure.legend(
-                handles=[handle for handle, _ in entries], labels=[label for _, label in entries], ncols=3,
+                handles=[handle for handle, _ in entries], labels=[label for _, label in entries],
+                ncols=legend_columns(entries),
                 loc="lower left", bbox_to_anchor=(frames[0].left / WIDTH, 0.02 / height), borderaxespad=0.0,
                 handlelength=2.0, labelspacing=0.4, columnspacing=1.4,
             )  # fmt: skip
@@ -86,7 +87,7 @@ def _layout(chart: Chart) -> tuple[list[_Frame], float, float]:
     """Frames of the panels, height of the figure and where the legend begins, in."""
     entries = legend_entries(chart)
     beside = chart.legend == "right" and bool(entries)
-    below = 0.08 + 0.17 * -(-len(entries) // 3) if chart.legend == "bottom" and entries else 0.0
+    below = 0.08 + 0.17 * -(-len(entries) // legend_columns(entries)) if chart.legend == "bottom" and entries else 0.0
     has_scale = any(isinstance(item, Heat) for panel in chart.panels for item in panel.items)
     title_lines = max((panel.title.count("\n") + 1 for panel in chart.panels if panel.title), default=0)
     left, right = _left_margin(chart), 0.85 if has_scale else 0.12

@@ -7,6 +7,8 @@ from typing import Any, Final
 from maglev_ctrl.report.chart import Area, Bars, Cells, Chart, Heat, Line, Marks, Note, Rule, Span
 from maglev_ctrl.report.style import INK, ON_MAP, PAPER, Dash, Symbol
 
+_SHORT = 32  # characters of the longest label with which three columns fit
+
 DASHES: Final[dict[Dash, Any]] = {"solid": "-", "dash": (0, (5, 2)), "dot": (0, (1, 1.6)), "dashdot": (0, (5, 2, 1, 2))}
 SYMBOLS: Final[dict[Symbol, str]] = {
     "circle": "o", "square": "s", "diamond": "D", "cross": "x", "triangle": "^", "open_circle": "o",
@@ -21,6 +23,12 @@ def legend_entries(chart: Chart) -> list[tuple[Any, str]]:
             continue
         entries[item.label] = _handle(item)
     return [(handle, label) for label, handle in entries.items()]
+
+
+def legend_columns(entries: list[tuple[Any, str]]) -> int:
+    """Columns of a legend below its chart: as many as the longest label leaves room for."""
+    longest = max((len(label) for _, label in entries), default=0)
+    return 3 if longest <= _SHORT else 2
 
 
 def on_page(colour: str) -> str:

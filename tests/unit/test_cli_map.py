@@ -47,6 +47,7 @@ WRONG = [
     (["--x", "speed=10:1e999:9"], "which is not finite"),
     (["--x", "payload=0t:1t:4", "--y", "payload=0t:2t:4"], "--x and --y: expected two different quantities"),
     (["--x", "periodic.depth=0:1:4", "--y", "depth=0:2:4"], "two different quantities, got depth twice"),
+    (["--y", "depth=0:50:9"], "depth: a bare number is a fraction, and 50 is 5000 %; for per cent write 50%"),
     (["--y", "depth=-0.1:0.5:9"], 'depth: expected 0 or more, got "-0.1"'),
     (["--option", "dampr"], 'unknown option "dampr"; did you mean "damper"?'),
     (["--x", "spede=1:2:3"], 'unknown quantity "spede"; did you mean "speed"?; --list-quantities shows them all'),

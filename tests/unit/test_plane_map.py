@@ -26,7 +26,7 @@ from maglev_ctrl.analysis.plane_records import (
 from maglev_ctrl.analysis.resonance_map import resonance_map
 from maglev_ctrl.analysis.stability_plane import NothingKept, estimate, stability_plane
 from maglev_ctrl.arrays import FloatArray
-from maglev_ctrl.errors import ModelError, OutOfDomain
+from maglev_ctrl.errors import Agreement, ModelError, OutOfDomain
 from maglev_ctrl.kernels.plane_series import Tails
 from maglev_ctrl.systems import PeriodicSystem, SecondOrderSystem
 
@@ -312,3 +312,40 @@ def test_estimate_counts_points_and_memory() -> None:
 def test_wrong_input_is_refused(axis: MapAxis, coverage: Coverage, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         stability_plane(pair, axis, DEPTH, coverage=coverage)
+
+
+def test_growth_of_its_own_is_no_tongue() -> None:
+    """Below zero damping everything grows by itself; the tongue that reaches above keeps its name all the way."""
+
+    def family(frequency: float, damping: float) -> PeriodicSystem:
+        return PeriodicSystem.from_matrices([[0, 1], [-1, -damping]], [[[0, 0], [-0.3, 0]]], frequency=frequency)
+
+    x, y = MapAxis("frequency", np.linspace(1.6, 2.8, 61)), MapAxis("damping", np.linspace(-0.02, 0.2, 45))
+    plane = stability_plane(family, x, y)
+    names = np.array([tongue.name for tongue in plane.tongues])
+
+    def named(frequency: float, damping: float) -> str:
+        i, j = int(np.argmin(np.abs(x.values - frequency))), int(np.argmin(np.abs(y.values - damping)))
+        assert plane.state[i, j] == UNSTABLE
+        return str(names[plane.tongue_index[i, j]])
+
+    assert named(2.6, -0.02) == "none" and named(2.6, -0.01) == "none"
+    assert named(2.0, 0.05) == named(2.0, -0.02) == "2 w1/1"
+
+
+def test_a_disagreement_of_hill_is_appealed_to_both_engines(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Hill's method with few harmonics may miss; the point counts as undecided only where both engines do not agree."""
+
+    def family(frequency: float, depth: float) -> PeriodicSystem:
+        return PeriodicSystem.from_matrices([[0, 1], [-1, -0.02]], [[[0, 0], [-depth, 0]]], frequency=frequency)
+
+    x, y = MapAxis("frequency", np.linspace(1.8, 2.2, 11)), MapAxis("depth", np.linspace(0.0, 0.2, 9))
+    monkeypatch.setattr(plane_module, "hill_difference", lambda *arrays, **words: float("inf"))
+    assert stability_plane(family, x, y).share(UNRESOLVED) == 0.0
+    real = floquet
+    monkeypatch.setattr(plane_module, "floquet", lambda system: replace(real(system), agreement=Agreement.UNRESOLVED))
+    assert stability_plane(family, x, y).share(UNRESOLVED) == 1.0
+    monkeypatch.setattr(
+        plane_module, "floquet", lambda system: replace(real(system), exponents=real(system).exponents + 1e-3)
+    )
+    assert stability_plane(family, x, y).share(UNRESOLVED) == 1.0

@@ -194,7 +194,7 @@ def test_a_tongue_without_an_answer_is_not_told_absent(study: MapStudy) -> None:
     open_ = replace(gone, onset=np.nan, reason="the engines do not confirm the onset")
     alone = replace(option, atlas=None)
     assert worst_tongue(replace(alone, tongues=(later, never))) == "none at this depth"
-    assert worst_tongue(replace(alone, tongues=(later, open_))).startswith("not told apart: 2 w")
+    assert worst_tongue(replace(alone, tongues=(later, open_))).startswith("none found; not told apart: 2 w")
     assert worst_tongue(replace(alone, tongues=(here, open_))).startswith("2 w")
     bare = replace(alone, tongues=(replace(gone, onset=0.0, reason="a mode grows"),))
     assert worst_tongue(bare) == "unstable without modulation"
@@ -343,6 +343,10 @@ def test_ranges_are_told_in_metres_per_second_without_holes(study: MapStudy) -> 
     assert float(bare[0]["from_m_per_s"]) == 20.0 and float(bare[-1]["to_m_per_s"]) == 115.0
     assert all(a["to_m_per_s"] == b["from_m_per_s"] for a, b in pairwise(bare))
     assert {one["verdict"] for one in bare} >= {"go", "no-go"}
+    atlas = study.options[0].atlas
+    assert atlas is not None and all(
+        float(one["narrowest_seen_m_per_s"]) == pytest.approx(atlas.missed_width, rel=5e-3) for one in bare
+    )
     assert [(one["verdict"], one["reason"]) for one in rows if one["option"] != "bare"] == [
         ("not evaluated", "the speed is on no axis"), ("not evaluated", "no equilibrium at the design point"),
     ]  # fmt: skip

@@ -280,11 +280,17 @@ def test_notes_say_what_is_not_seen(small_scenario: SmallScenario) -> None:
     assert "Control laws stay as designed at the scenario's own values" in said and "vehicle.car.mass" in said
     assert "Not mapped: bare, damper." in said
     assert MERGED not in study.options[0].notes
-    short = survey_map(scenario, map_request(scenario, x=SPEEDS, y=DEPTHS, options=["active"]))
-    assert MERGED in short.options[0].notes
+    for merge in (True, False):
+        request = map_request(
+            scenario, x=SPEEDS, y="depth=0:0.5:3", options=["active"], merge_delays=merge, tables=False
+        )
+        assert (MERGED in survey_map(scenario, request).options[0].notes) is merge
     deep = survey_map(scenario, map_request(scenario, x=SPEEDS, y="depth=0:1.5:3", options=["bare"]))
     assert any("Above a depth of 1 the modulation is deeper than the stiffness" in note for note in deep.notes)
     assert not any("deeper" in note for note in study.notes)
+    off = survey_map(scenario, map_request(scenario, x=SPEEDS, y="depth=0.2:0.4:3", options=["bare"], tables=False))
+    assert "The expected depth of modulation, 5 %, is not on the map, which runs from 20 to 40 %." in off.notes
+    assert not any("not on the map" in note for note in deep.notes)
 
 
 def test_an_estimate_comes_at_once() -> None:

@@ -101,8 +101,12 @@ def comparison_table(study: MapStudy) -> Table:
             _pair_words(option, gain, 1.0, ""), _pair_words(option, over_speed, *speed),
         ))  # fmt: skip
     heads = ("Option", "Unstable", "UNRESOLVED", "Smallest unstable depth", "Go speeds", "Worst tongue",
-             "Depth lost at", "Gain factor", "Speed")  # fmt: skip
-    caption = f"The options compared: shares of the map, speeds at {depth_words(study)}, and Floquet margins"
+             "Design point: lost at depth", "at gain factor", "at speed")  # fmt: skip
+    caption = (
+        "The options compared. Shares and smallest depth speak of the map; go speeds, worst tongue (at "
+        f"{depth_words(study)}) and what the design point bears speak of the scenario's own values, whatever the map "
+        "runs over"
+    )
     return Table(caption, heads, tuple(rows), (1.3, 0.8, 1.0, 1.4, 1.8, 1.2, 0.9, 1.1, 1.3), (), True)
 
 

@@ -114,7 +114,9 @@ def critical_depth_words(study: MapStudy, plane: StabilityPlane, tongues: tuple[
     lowest = next(iter(tips(tongues, plane, study.x, study.y)), None)
     if lowest is not None and lowest[1] < (float(values[lost[1]]) if lost is not None else float(values[-1])):
         at = f"{number(lowest[0] * other.scale, other.unit)} ({short_words(lowest[2])})"
-        thin = f"{number(lowest[1] * depth.scale, depth.unit)} at {at}, narrower than the map's step; on the map "
+        onset = number(lowest[1] * depth.scale, depth.unit)
+        if lost is None or onset != told[lost[1]]:
+            thin = f"{onset} at {at}, narrower than the map's step; on the map "
     for value, text in ((UNRESOLVED, "UNRESOLVED from"), (NO_ANSWER, "no answer from")):
         found = _first((state == value) & ~before[:, None])
         if found is not None and (lost is None or found[1] <= lost[1]):
@@ -176,7 +178,7 @@ def worst_tongue(option: OptionMap) -> str:
         return "unstable without modulation"
     open_ones = [one for one in option.tongues if undecided(one)]
     if open_ones:
-        return f"not told apart: {', '.join(short_words(one.resonance.name) for one in open_ones)}"
+        return f"none found; not told apart: {', '.join(short_words(one.resonance.name) for one in open_ones)}"
     return "none at this depth" if option.tongues else ABSENT
 
 

@@ -40,8 +40,8 @@ class OptionFamily:
     """Periodic systems of an option over two quantities, each at its actual depth of modulation.
 
     The law is designed once, at the scenario's own values; only a quantity of the law itself designs it anew. `merged`:
-    delay and bandwidth of every actuator are one lag, as on the resonance map of the report, because they are short
-    against every mode and neither quantity changes the loop.
+    delay and bandwidth of every actuator are one lag, as on the resonance map of the report; only where that was asked
+    for, they are short against every mode and neither quantity changes the loop.
     """
 
     model: OptionModel
@@ -63,7 +63,11 @@ class OptionFamily:
         OutOfDomain : the forces are not known there
         """
         x, y = request.x.quantity, request.y.quantity
-        merged = all(one.name in _LOOP_STAYS for one in (x, y)) and delays_are_short(model, model.vehicle(), controller)
+        merged = (
+            request.merge_delays
+            and all(one.name in _LOOP_STAYS for one in (x, y))
+            and delays_are_short(model, model.vehicle(), controller)
+        )
         made = cls(model, controller, x, y, merged)
         made._sizes.add(len(made.nominal().A_0))
         return made

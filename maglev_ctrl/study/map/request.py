@@ -31,6 +31,8 @@ Backend = Literal["numpy", "fast", "gpu"]
 
 FINE_SPEEDS, FINE_DEPTHS = 361, 201
 """Least points of a map whose axes were not asked for: its points cost little, its tongues are narrow."""
+DEEPEST_BARE: Final = 3.0
+"""A depth beyond this, written without a unit, is taken for a slip: per cent were meant."""
 LARGEST_COUNT: Final = 100_000
 """Points along one axis; no screen and no printer shows more."""
 SHAPE = "QUANTITY=FROM:TO:COUNT, for example speed=100km/h:600km/h:200"
@@ -78,6 +80,7 @@ class MapRequest:
     backend: Backend = "numpy"
     periodic_law: bool = False
     tables: bool = True  # tongues, speed ranges and margins beside the map
+    merge_delays: bool = False  # delay and bandwidth of an actuator as one lag, where they are short against every mode
 
     @property
     def points(self) -> int:
@@ -97,7 +100,7 @@ class MapRequest:
 def map_request(
     scenario: Scenario, *, x: str | None = None, y: str | None = None, options: Sequence[str] = (),
     coverage: Coverage = "auto", backend: Backend = "numpy", periodic_law: bool = False,
-    tables: bool = True,
+    tables: bool = True, merge_delays: bool = False,
 ) -> MapRequest:  # fmt: skip
     """A request from what people write, checked as far as it can be without computing.
 
@@ -106,6 +109,7 @@ def map_request(
     x, y : "QUANTITY=FROM:TO:COUNT"; left out: speed and depth over the scenario's own grid
     options : names; none: all that the quantities change
     tables : whether tongues, speed ranges and margins are computed, which takes longer than the map
+    merge_delays : one lag for delay and bandwidth of an actuator where they are short; faster, and no longer exact
 
     Raises
     ------
@@ -133,7 +137,7 @@ def map_request(
         across, along = along, across
     request = MapRequest(
         first or across, second or along, _chosen(scenario, options),
-        coverage=coverage, backend=backend, periodic_law=periodic_law, tables=tables,
+        coverage=coverage, backend=backend, periodic_law=periodic_law, tables=tables, merge_delays=merge_delays,
     )  # fmt: skip
     names = [one.quantity.name for one in request.axes]
     if names[0] == names[1]:
@@ -167,6 +171,10 @@ def read_range(scenario: Scenario, text: str) -> AxisRange:
     if first_bare != last_bare and (first if first_bare else last) != 0.0:
         united, bare = (high, low) if first_bare else (low, high)
         raise ValueError(f'{quantity.name}: "{united}" has a unit and "{bare}" has none; write both with their units')
+    if quantity.name == DEPTH and last > DEEPEST_BARE and "%" not in high:
+        raise ValueError(
+            f"depth: a bare number is a fraction, and {last:g} is {100.0 * last:g} %; for per cent write {last:g}%"
+        )
     if not first < last:
         raise ValueError(f"{quantity.name}: expected the smaller end first and two different ends, got {low} to {high}")
     if quantity.name in _NO_PERIOD and first <= 0.0:

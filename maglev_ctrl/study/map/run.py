@@ -233,7 +233,18 @@ def _notes(scenario: Scenario, request: MapRequest, modulation: ScenarioModulati
     left_out = [option.name for option in scenario.options if option.name not in request.options]
     if left_out:
         notes.append(f"Not mapped: {', '.join(left_out)}.")
-    return (*notes, *_too_deep(request, modulation))
+    return (*notes, *_too_deep(request, modulation), *_off_the_map(request, modulation))
+
+
+def _off_the_map(request: MapRequest, modulation: ScenarioModulation) -> tuple[str, ...]:
+    """Whether the expected depth lies beyond the map's depths."""
+    axis = request.axis_of(DEPTH)
+    if axis is None or axis.first <= modulation.depth <= axis.last:
+        return ()
+    return (
+        f"The expected depth of modulation, {100.0 * modulation.depth:.3g} %, is not on the map, which runs from "
+        f"{100.0 * axis.first:.3g} to {100.0 * axis.last:.3g} %.",
+    )
 
 
 def _too_deep(request: MapRequest, modulation: ScenarioModulation) -> tuple[str, ...]:
@@ -245,7 +256,7 @@ def _too_deep(request: MapRequest, modulation: ScenarioModulation) -> tuple[str,
         along = wave.at(np.linspace(0.0, modulation.wavelength, 64 * len(modulation.harmonics), endpoint=False))
         limit = 1.0 / float(np.max(1.0 - along)) if np.max(1.0 - along) > 0.0 else np.inf
     axis = request.axis_of(DEPTH)
-    deepest = modulation.depth if axis is None else axis.last
+    deepest = max(modulation.depth, 0.0 if axis is None else axis.last)
     if deepest <= limit:
         return ()
     return (

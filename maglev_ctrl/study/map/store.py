@@ -109,6 +109,7 @@ def map_key(scenario: Scenario, request: MapRequest) -> str:
     said = {
         "format": _FORMAT, "version": __version__, "scenario": scenario.hash, "x": _said(request.x),
         "y": _said(request.y), "coverage": request.coverage, "backend": request.backend,
+        "merge_delays": request.merge_delays,
     }  # fmt: skip
     return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()[:16]
 
