@@ -160,3 +160,7 @@ class SpeedSurface:
             return None if found is None else found[0][0]
 
         return read
+
+    def over(self, depth: float) -> Callable[[FloatArray], tuple[ComplexArray, FloatArray] | None]:
+        """speeds (P,) -> exponents (P, n) 1/s and passing frequencies (P,) at a depth; None where one has no answer."""
+        return lambda speeds: self.surface.exponents(speeds, np.full(len(speeds), depth))

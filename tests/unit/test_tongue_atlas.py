@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import maglev_ctrl.analysis.tongue_atlas as atlas_module
+from maglev_ctrl.analysis.exponent_surface import SpeedSurface
 from maglev_ctrl.analysis.floquet import Floquet, floquet
 from maglev_ctrl.analysis.tongue_atlas import TongueAtlas, tongue_atlas
 from maglev_ctrl.errors import Agreement, ModelError
@@ -110,14 +111,64 @@ def test_narrow_tongue_between_samples_is_no_go() -> None:
     (row,) = atlas.of("no-go")
     assert row.tongues == ("(w1 + w2)/1 (heave, pitch)",)
     assert row.lower < speed_of(2.7) < row.upper
-    assert row.upper - row.lower < 0.1 * atlas.missed_width
+    assert row.upper - row.lower < 0.1 * (atlas.speed[1] - atlas.speed[0])
+    assert atlas.missed_width < 0.01 * (row.upper - row.lower)
 
 
-def test_without_crossings_it_would_be_told_safe(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The mutant that only scans."""
+def third_order(v: float) -> PeriodicSystem:
+    """Two lightly damped modes under one harmonic: their sum meets 3 W where no product of one harmonic predicts it."""
+    return two_modes(v, eps=0.15, c=2e-6)
+
+
+def around_third(width: float) -> tuple[float, float]:
+    return speed_of(2.7 / 3.0 - width), speed_of(2.7 / 3.0 + 1.07 * width)
+
+
+@pytest.mark.parametrize("read", [False, True])
+def test_a_tongue_of_an_order_nobody_predicts_is_found_and_the_mutant_is_caught(
+    read: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Order 3, narrower than a step of the scan: found where multipliers meet, missed by the scan alone."""
+    monkeypatch.setattr(atlas_module, "_SCAN", (200, 200))
+    lower, upper = around_third(0.1)
+    reader = SpeedSurface.of(
+        lambda v: two_modes(v, eps=1.0, c=2e-6), lower=lower, upper=upper, largest_depth=0.2
+    ).over(0.15) if read else None  # fmt: skip
+    atlas = tongue_atlas(third_order, lower=lower, upper=upper, samples=12, checks=3, max_order=2, reader=reader)
+    mutant = tongue_atlas(third_order, lower=lower, upper=upper, samples=12, checks=3, max_order=2, reader=reader,
+                          refine=False)  # fmt: skip
+    assert covers(atlas, lower, upper)
+    found = [r for r in atlas.of("no-go") if any("/3" in name for name in r.tongues)]
+    assert found
+    for row in found:
+        middle = 0.5 * (row.lower + row.upper)
+        assert row.upper - row.lower < atlas.scan_step
+        assert floquet(third_order(middle)).stable is False
+        assert not any(r.lower < middle < r.upper for r in atlas.of("go"))
+        assert atlas.missed_width < 0.1 * (row.upper - row.lower)
+    missed = [r for r in found if any(m.lower < 0.5 * (r.lower + r.upper) < m.upper for m in mutant.of("go"))]
+    assert missed, [(r.lower, r.upper) for r in found]
+
+
+def test_speeds_another_search_doubts_are_looked_at() -> None:
+    """Without refinement the scan sees the tongue only where it is told to look."""
+    lower, upper = around_third(0.1)
+    options = {"lower": lower, "upper": upper, "samples": 12, "checks": 3, "max_order": 2, "refine": False}
+    row = min((r for r in tongue_atlas(third_order, **{**options, "refine": True}).of("no-go")),
+              key=lambda r: r.upper - r.lower)  # fmt: skip
+    middle = 0.5 * (row.lower + row.upper)
+    blind, told = (tongue_atlas(third_order, **options, extra=extra) for extra in ((), (middle,)))
+    assert any(r.lower < middle < r.upper for r in blind.of("go"))
+    assert any(r.lower < middle < r.upper for r in told.of("no-go"))
+
+
+def test_without_predictions_the_meetings_are_still_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither predicted nor refined: told safe. That is the mutant; the refinement alone finds the tongue."""
     monkeypatch.setattr(atlas_module, "find_crossings", lambda *_, **__: [])
-    atlas = tongue_atlas(narrow, lower=speed_of(2.3), upper=speed_of(3.1), samples=8, checks=3)
-    assert [r.verdict for r in atlas.ranges] == ["go"]
+    monkeypatch.setattr(atlas_module, "_SCAN_INTEGRATED", (20, 20))
+    kept = {"lower": speed_of(2.3), "upper": speed_of(3.1), "samples": 8, "checks": 3}
+    assert [r.verdict for r in tongue_atlas(narrow, **kept).ranges] == ["go", "no-go", "go"]
+    assert [r.verdict for r in tongue_atlas(narrow, **kept, refine=False).ranges] == ["go"]
 
 
 def test_every_unstable_speed_of_a_fine_scan_is_in_a_no_go_row() -> None:

@@ -13,7 +13,7 @@ from maglev_ctrl._version import __version__
 from maglev_ctrl.analysis.first_instability import PeriodicMargin
 from maglev_ctrl.analysis.floquet_margins import FloquetMargins
 from maglev_ctrl.analysis.plane_records import NO_ANSWER, STABLE, UNRESOLVED, UNSTABLE, StabilityPlane
-from maglev_ctrl.analysis.tongue_atlas import TongueAtlas
+from maglev_ctrl.analysis.tongue_atlas import TongueAtlas, TongueCrossing
 from maglev_ctrl.report.serialise import plain
 from maglev_ctrl.study.map.records import MapQuantity, MapStudy, OptionMap, PeriodicLawStudy
 
@@ -166,12 +166,20 @@ def _plane(plane: StabilityPlane | None) -> dict[str, Any] | None:
     }  # fmt: skip
 
 
+def _crossing(one: TongueCrossing) -> Any:
+    """A crossing; its threshold under a name of its own, for it is a multiple of the depth and not a depth."""
+    written = plain(one)
+    written["onset_over_depth"] = written.pop("onset")
+    return written
+
+
 def _atlas(atlas: TongueAtlas | None) -> dict[str, Any] | None:
     if atlas is None:
         return None
     return {
-        "ranges": plain(atlas.ranges), "crossings": plain(atlas.crossings),
-        "missed_width": _quantity(atlas.missed_width, "m/s"), "checked": len(atlas.checked),
+        "ranges": plain(atlas.ranges), "crossings": [_crossing(one) for one in atlas.crossings],
+        "missed_width": _quantity(atlas.missed_width, "m/s"), "scan_step": _quantity(atlas.scan_step, "m/s"),
+        "checked": len(atlas.checked),
     }  # fmt: skip
 
 
@@ -213,17 +221,23 @@ def _law(law: PeriodicLawStudy | None) -> dict[str, Any] | None:
 
 
 def ranges_csv(study: MapStudy) -> str:
-    """Every speed range of every option; an option without an atlas has one row that says why."""
+    """Every speed range of every option; an option without an atlas has one row that says why.
+
+    `narrowest_seen_m_per_s`: where two multipliers meet, an unstable interval narrower than this may be missing.
+    """
     stream = io.StringIO()
     out = csv.writer(stream, lineterminator="\n")
-    out.writerow(["option", "from_m_per_s", "to_m_per_s", "verdict", "tongues", "growth_per_s", "reason"])
+    out.writerow(["option", "from_m_per_s", "to_m_per_s", "verdict", "tongues", "growth_per_s", "reason",
+                  "narrowest_seen_m_per_s"])  # fmt: skip
     for option in study.options:
         if option.atlas is None:
             reason = option.failure or option.atlas_reason or "no tongue atlas"
-            out.writerow([option.name, "", "", "not evaluated", "", "", reason])
+            out.writerow([option.name, "", "", "not evaluated", "", "", reason, ""])
             continue
+        narrowest = option.atlas.missed_width
+        seen = "" if np.isnan(narrowest) else f"{narrowest:.3g}"
         for one in option.atlas.ranges:
             growth = "" if np.isnan(one.growth) else f"{one.growth:.9g}"
             ends = (f"{one.lower:.12g}", f"{one.upper:.12g}")
-            out.writerow([option.name, *ends, one.verdict, "; ".join(one.tongues), growth, one.reason])
+            out.writerow([option.name, *ends, one.verdict, "; ".join(one.tongues), growth, one.reason, seen])
     return stream.getvalue()

@@ -116,6 +116,11 @@ def range_table(option: OptionMap, atlas: TongueAtlas, speed: tuple[float, str],
     )  # fmt: skip
     heads = (f"Speed ({speed[1]})", "Verdict", "Tongues", "Largest growth (1/s)", "Reason")
     caption = f"Go and no-go speeds of {option.label} at {depth_words}"
+    if math.isfinite(atlas.missed_width):
+        caption += (
+            f"; scanned in steps of {number(atlas.scan_step * speed[0], speed[1])} at most, and down to "
+            f"{number(atlas.missed_width * speed[0], speed[1])} wherever two Floquet multipliers meet, at any order"
+        )
     return Table(caption, heads, rows, (1.4, 0.9, 2.6, 1.0, 2.0), (3,))
 
 

@@ -10,7 +10,14 @@ import numpy as np
 
 from maglev_ctrl.analysis.exponent_surface import SpeedSurface
 from maglev_ctrl.analysis.floquet_margins import FloquetMargins
-from maglev_ctrl.analysis.plane_records import NO_ANSWER, UNRESOLVED, MapStore, PeriodicFamily, StabilityPlane
+from maglev_ctrl.analysis.plane_records import (
+    NO_ANSWER,
+    UNRESOLVED,
+    UNSTABLE,
+    MapStore,
+    PeriodicFamily,
+    StabilityPlane,
+)
 from maglev_ctrl.analysis.stability_plane import stability_plane
 from maglev_ctrl.analysis.tongue_atlas import TongueAtlas, tongue_atlas
 from maglev_ctrl.analysis.tongue_table import TongueRow, tongue_table
@@ -31,8 +38,8 @@ from maglev_ctrl.systems import PeriodicSystem, at_depth
 Tell = Callable[[str, float], None]
 FAULTS = (MaglevError, ValueError, np.linalg.LinAlgError)
 MERGED = (
-    "Delay and bandwidth of every actuator are merged into one lag on the map and in the tongues, as in the report; "
-    "the margins are those of the full model."
+    "Delay and bandwidth of every actuator are merged into one lag on the map, in the tongues and in the speed ranges, "
+    "as was asked for: error bounds speak of that model. The margins are those of the full one."
 )
 NOT_ASKED = "not asked for"
 _FEW_HARMONICS = 2
@@ -116,7 +123,7 @@ def _mapped(
         else:
             tongues, tongue_note = _tongues(family, surface, depth)
             tell(f"{blank.label}: speed ranges", 0.8)
-            atlas, atlas_reason = _atlas(family, surface, request, depth)
+            atlas, atlas_reason = _atlas(family, surface, request, depth, plane)
         tell(f"{blank.label}: margins", 0.85)
         margins, margins_reason = _margins(model, family, scenario)
         tabled = replace(
@@ -178,7 +185,7 @@ def _orders(family: OptionFamily) -> tuple[int, str]:
 
 
 def _atlas(
-    family: OptionFamily, surface: SpeedSurface, request: MapRequest, depth: float
+    family: OptionFamily, surface: SpeedSurface, request: MapRequest, depth: float, plane: StabilityPlane | None = None
 ) -> tuple[TongueAtlas | None, str]:
     """Go and no-go speeds at the expected depth, everything else at the scenario's own values."""
     axis = request.axis_of(SPEED)
@@ -186,9 +193,24 @@ def _atlas(
         return None, "neither axis is the speed"
     try:
         return tongue_atlas(lambda v: at_depth(surface.smooth(v), depth), lower=axis.first, upper=axis.last,
-                            max_order=_orders(family)[0], reader=surface.at(depth)), ""  # fmt: skip
+                            max_order=_orders(family)[0], reader=surface.over(depth),
+                            extra=doubtful_speeds(request, plane, depth)), ""  # fmt: skip
     except FAULTS as fault:
         return None, f"{fault}"
+
+
+def doubtful_speeds(request: MapRequest, plane: StabilityPlane | None, depth: float) -> tuple[float, ...]:
+    """Speeds that a map over speed and depth shows unstable or UNRESOLVED at its depths next to the expected one."""
+    names = tuple(one.quantity.name for one in request.axes)
+    if plane is None or set(names) != {SPEED, DEPTH}:
+        return ()
+    first = names == (SPEED, DEPTH)
+    speeds, depths = (plane.x.values, plane.y.values) if first else (plane.y.values, plane.x.values)
+    state = plane.state if first else plane.state.T
+    above = int(np.searchsorted(depths, depth))
+    columns = {min(above, len(depths) - 1), max(above - 1, 0)}
+    doubtful = np.any([np.isin(state[:, k], (UNSTABLE, UNRESOLVED)) for k in columns], axis=0)
+    return tuple(float(v) for v in speeds[doubtful])
 
 
 def _margins(model: OptionModel, family: OptionFamily, scenario: Scenario) -> tuple[FloquetMargins | None, str]:
