@@ -46,8 +46,8 @@ class TongueRow:
     the multipliers, both edges verified by both engines; NaN with `reason` where there is none or they do not agree.
     `onset`: smallest unstable depth (inf: none up to the largest searched; NaN: the engines do not confirm it).
     `peak_growth`: of the pair at the computed centre, 1/s; NaN without one.
-    `removal`: the damping that removes it, None without a computed interval. `feeding`: share of each element's
-    modulation.
+    `removal`: the damping that removes it, for overlapping tongues too; None where it is not there.
+    `feeding`: share of each element's modulation.
     `needs`: sign condition on the couplings of a combination tongue in words; "" for parametric ones.
     """
 
@@ -160,7 +160,7 @@ def _row(tongue: FollowedTongue, elements: Elements | None, removals: bool) -> T
         pair = tongue.pair(centre, tongue.depth)
         row = replace(row, peak_growth=nan if pair is None else pair.growth)
     cure = None
-    if removals and np.isfinite(half):
+    if removals and (np.isfinite(half) or reason.startswith("overlaps")):
         modes = (one.modes[0] + 1, one.modes[1] + 1)
         cure = tongue_removal(unit, one.kind, modes, order=one.order, depth=tongue.depth)
     return replace(row, computed_centre=centre, computed_half_width=half, removal=cure, reason=reason)

@@ -168,14 +168,10 @@ def _speeds(study: MapStudy, option: OptionMap) -> list[Block]:
     if option.atlas is None:
         return [Paragraph(f"No tongue atlas: {option.atlas_reason}")] if option.atlas_reason else []
     speed = speed_unit(study)
-    missed = (
-        f"A tongue narrower than {number(option.atlas.missed_width * speed[0], speed[1])} may be missing unless it is "
-        "one of the crossings."
-    )
     return [
         FigureBlock(atlas_chart(option, option.atlas, speed)),
         range_table(option, option.atlas, speed, depth_words(study)),
-        Paragraph(" ".join(part for part in (missed, option.atlas_reason) if part)),
+        *([Paragraph(option.atlas_reason)] if option.atlas_reason else []),
     ]
 
 
