@@ -186,6 +186,18 @@ def test_an_undecided_cure_is_no_cure(study: MapStudy) -> None:
     assert removal_words(replace(cure, safe=np.inf, unsafe=1.0)) == "not by 1.00"
 
 
+def test_a_crowded_tongue_says_who_grows_there_too(study: MapStudy) -> None:
+    option = study.options[0]
+    here = next(one for one in option.tongues if one.removal is not None)
+    assert here.removal is not None
+    undecided = replace(here.removal.equal, agreement=Agreement.UNRESOLVED)
+    crowded = replace(here, removal=replace(here.removal, equal=undecided, crowd=("(w1 + w2)/1 (heave, pitch)",)))
+    (cells,) = cure_table(replace(option, tongues=(crowded,))).rows
+    assert cells[2].text == "not by its own modes: w1 + w2 grows there too" and cells[4].text == "overlaps w1 + w2"
+    (cells,) = cure_table(replace(option, tongues=(here,))).rows
+    assert "not by its own modes" not in cells[2].text
+
+
 def test_a_tongue_without_an_answer_is_not_told_absent(study: MapStudy) -> None:
     option = study.options[0]
     here = next(one for one in option.tongues if one.peak_growth > 0.0)

@@ -71,9 +71,14 @@ def cure_table(option: OptionMap) -> Table:
         cure = one.removal
         if cure is None:
             continue
+        others = ", ".join(short_words(name) for name in cure.crowd)
+        if others and cure.equal.agreement is Agreement.UNRESOLVED:
+            told = f"not by its own modes: {others} grows there too", ABSENT, f"overlaps {others}"
+            rows.append(row(short_words(one.resonance.name), feeding_words(one), *told))
+            continue
         alone = "; ".join(f"w{part.modes[0]}: {removal_words(part)}" for part in cure.alone)
         warnings = [w for w in (cure.equal.warning, *(part.warning for part in cure.alone)) if w]
-        crowd = [f"overlaps {', '.join(short_words(name) for name in cure.crowd)}"] if cure.crowd else []
+        crowd = [f"beside {others}"] if others else []
         told = removal_words(cure.equal), alone or ABSENT, "; ".join((*warnings, *crowd))
         rows.append(row(short_words(one.resonance.name), feeding_words(one), *told))
     heads = ("Tongue", "Fed by", "Added damping ratio, equal", "On one mode alone", "Warning")
