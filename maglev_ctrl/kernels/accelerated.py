@@ -15,10 +15,7 @@ from maglev_ctrl.kernels.compiled import require_numba
 from maglev_ctrl.kernels.radius_lanes import block_size, decide_lanes, moduli_lanes
 from maglev_ctrl.kernels.spectral_radius import (
     NumpyRadius,
-    check_levels,
-    checked,
     chunks,
-    completed,
     evaluated,
     series_rounding,
 )
@@ -32,28 +29,18 @@ class FastRadius(NumpyRadius):
 
     name = "fast"
 
-    def moduli(self, coefficients: FloatArray, basis: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Spectral radii (q,), and which of them are sure to 1e-10 relative; the others come from eigenvalues."""
-        coefficients, basis = checked(coefficients, basis)
+    def _moduli(self, coefficients: FloatArray, basis: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
         n = coefficients.shape[-1]
         modulus = np.full(len(basis), np.nan)
         for part in chunks(len(basis), n):
             values = evaluated(coefficients, basis[part]).reshape(-1, n * n)
             moduli_lanes(values, n, block_size(n), modulus[part])
             modulus[part][~np.any(values, axis=1)] = 0.0
-        return completed(modulus, ~np.isnan(modulus), coefficients, basis)
+        return modulus, ~np.isnan(modulus)
 
-    def decide(
+    def _decide(
         self, coefficients: FloatArray, basis: FloatArray, stable_below: float, unstable_above: float
     ) -> NDArray[np.int8]:
-        """-1 where the radius is proved < stable_below, 1 where proved > unstable_above, else 0; (q,).
-
-        Raises
-        ------
-        ValueError : stable_below > unstable_above, or shapes that do not fit
-        """
-        coefficients, basis = checked(coefficients, basis)
-        check_levels(stable_below, unstable_above)
         n, result = coefficients.shape[-1], np.zeros(len(basis), dtype=np.int8)
         stable, unstable = (math.log2(r) if r > 0.0 else -math.inf for r in (stable_below, unstable_above))
         with np.errstate(all="ignore"):

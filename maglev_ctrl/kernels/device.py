@@ -20,9 +20,6 @@ from maglev_ctrl.kernels.spectral_radius import (
     CHECKS,
     LAST_SQUARING,
     NumpyRadius,
-    check_levels,
-    checked,
-    completed,
     first_power,
     judged,
     leading_pair,
@@ -48,9 +45,7 @@ class DeviceRadius(NumpyRadius):
         self._xp = xp
         self._put = put
 
-    def moduli(self, coefficients: FloatArray, basis: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Spectral radii (q,), and which of them are sure to 1e-10 relative; the others come from eigenvalues."""
-        coefficients, basis = checked(coefficients, basis)
+    def _moduli(self, coefficients: FloatArray, basis: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
         modulus, sure = np.empty(len(basis)), np.zeros(len(basis), dtype=np.bool_)
         flat = self._put(coefficients.reshape(len(coefficients), -1))
         for part, padded in _padded(basis, coefficients.shape[-1]):
@@ -58,19 +53,11 @@ class DeviceRadius(NumpyRadius):
             matrices = (self._put(padded) @ flat).reshape(-1, *coefficients.shape[1:])
             value, good = self._moduli_of(matrices)
             modulus[part], sure[part] = np.asarray(value)[:count], np.asarray(good)[:count]
-        return completed(modulus, sure, coefficients, basis)
+        return modulus, sure
 
-    def decide(
+    def _decide(
         self, coefficients: FloatArray, basis: FloatArray, stable_below: float, unstable_above: float
     ) -> NDArray[np.int8]:
-        """-1 where the radius is proved < stable_below, 1 where proved > unstable_above, else 0; (q,).
-
-        Raises
-        ------
-        ValueError : stable_below > unstable_above, or shapes that do not fit
-        """
-        coefficients, basis = checked(coefficients, basis)
-        check_levels(stable_below, unstable_above)
         result = np.zeros(len(basis), dtype=np.int8)
         flat = self._put(coefficients.reshape(len(coefficients), -1))
         for part, padded in _padded(basis, coefficients.shape[-1]):

@@ -181,11 +181,7 @@ class NumpyRadius:
     def moduli(self, coefficients: FloatArray, basis: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Spectral radii (q,), and which of them are sure to 1e-10 relative; the others come from eigenvalues."""
         coefficients, basis = checked(coefficients, basis)
-        modulus, sure = np.empty(len(basis)), np.zeros(len(basis), dtype=np.bool_)
-        for part in chunks(len(basis), coefficients.shape[-1]):
-            matrices = evaluated(coefficients, basis[part])
-            with np.errstate(all="ignore"):
-                modulus[part], sure[part] = moduli_of(matrices)
+        modulus, sure = self._moduli(coefficients, basis)
         return completed(modulus, sure, coefficients, basis)
 
     def decide(
@@ -199,6 +195,21 @@ class NumpyRadius:
         """
         coefficients, basis = checked(coefficients, basis)
         check_levels(stable_below, unstable_above)
+        return self._decide(coefficients, basis, stable_below, unstable_above)
+
+    def _moduli(self, coefficients: FloatArray, basis: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Spectral radii without eigenvalues, and which are sure, of checked arrays; other engines replace this."""
+        modulus, sure = np.empty(len(basis)), np.zeros(len(basis), dtype=np.bool_)
+        for part in chunks(len(basis), coefficients.shape[-1]):
+            matrices = evaluated(coefficients, basis[part])
+            with np.errstate(all="ignore"):
+                modulus[part], sure[part] = moduli_of(matrices)
+        return modulus, sure
+
+    def _decide(
+        self, coefficients: FloatArray, basis: FloatArray, stable_below: float, unstable_above: float
+    ) -> NDArray[np.int8]:
+        """The decisions for checked arrays and levels; other engines replace this."""
         result = np.zeros(len(basis), dtype=np.int8)
         with np.errstate(all="ignore"):
             rounding = series_rounding(coefficients, basis)
