@@ -25,6 +25,7 @@ WAVELENGTH = 8.0
 DEPTH = 0.10
 SPEED = 55.0
 LABELS = ("car heave", "car pitch")
+FILES = ("map.html", "map.pdf", "map.nc", "map.json", "ranges.csv")
 
 
 def system(*, depth: float = DEPTH, gain: float = 1.0, speed: float = SPEED) -> PeriodicSystem:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import gzip
-import importlib.util
 import json
 import math
 import re
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import report_fixture
 
 from maglev_ctrl.errors import Verdict
 from maglev_ctrl.report import charts_modes, document, write
@@ -31,14 +31,7 @@ HOSTILE = (
 
 @pytest.fixture(scope="session")
 def comparison() -> Comparison:
-    path = Path(__file__).with_name("report_fixture.py")
-    spec = importlib.util.spec_from_file_location("report_fixture", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    made: Comparison = module.comparison(points=8, cells=12)
-    return made
+    return report_fixture.comparison(points=8, cells=12)
 
 
 @pytest.fixture(scope="session")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import importlib.util
 import io
 import json
 from dataclasses import replace
@@ -13,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from map_fixture import FILES, flat_plane, map_study, marked, on
 
 from maglev_ctrl.analysis.first_instability import PeriodicMargin
 from maglev_ctrl.analysis.plane_records import NO_ANSWER, UNRESOLVED, UNSTABLE
@@ -46,27 +46,10 @@ from maglev_ctrl.report.model import FigureBlock, Report, Table
 from maglev_ctrl.report.style import ABSENT, MINUS
 from maglev_ctrl.study.map.records import MapStudy, PeriodicLawStudy
 
-FILES = ("map.html", "map.pdf", "map.nc", "map.json", "ranges.csv")
-
-
-def _load() -> Any:
-    """The helpers of the map tests, which stand beside them."""
-    spec = importlib.util.spec_from_file_location("map_fixture", Path(__file__).with_name("map_fixture.py"))
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-_KIT = _load()
-flat_plane, marked, on = _KIT.flat_plane, _KIT.marked, _KIT.on
-
 
 @pytest.fixture(scope="module")
 def study() -> MapStudy:
-    made = _KIT.map_study()
-    assert isinstance(made, MapStudy)
-    return made
+    return map_study()
 
 
 @pytest.fixture(scope="module")

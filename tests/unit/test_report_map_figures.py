@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from map_fixture import flat_plane, map_study, marked, on
 
 from maglev_ctrl.analysis.plane_records import NO_ANSWER, STABLE, UNRESOLVED, UNSTABLE, StabilityPlane
 from maglev_ctrl.report.chart import Bars, Cells, Chart, Heat, Line, Marks, Note
@@ -24,27 +23,10 @@ from maglev_ctrl.report.raster import even_cells, rectangles
 from maglev_ctrl.report.vector import svg
 from maglev_ctrl.study.map.records import MapStudy
 
-FILES = ("map.html", "map.pdf", "map.nc", "map.json", "ranges.csv")
-
-
-def _load() -> Any:
-    """The helpers of the map tests, which stand beside them."""
-    spec = importlib.util.spec_from_file_location("map_fixture", Path(__file__).with_name("map_fixture.py"))
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-_KIT = _load()
-flat_plane, marked, on = _KIT.flat_plane, _KIT.marked, _KIT.on
-
 
 @pytest.fixture(scope="module")
 def study() -> MapStudy:
-    made = _KIT.map_study()
-    assert isinstance(made, MapStudy)
-    return made
+    return map_study()
 
 
 def items_of(chart: Chart, kind: type) -> list[Any]:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from sheet_loop import SheetLoop
 
 from maglev_ctrl.analysis.frequency_dependent import compare_unsteady
 from maglev_ctrl.analysis.modes import StabilityVerdict, modes
@@ -26,12 +24,6 @@ from maglev_ctrl.systems import Controller, close_loop
 from maglev_ctrl.vehicle import Actuator, Body, Magnet, OperatingPoint, SpringDamper, Vehicle, linearize
 from maglev_ctrl.vehicle.models import double_l, heave_surge
 from maglev_ctrl.vehicle.unsteady import unsteady_vehicle, with_rational_magnets
-
-spec = importlib.util.spec_from_file_location("sheet_loop", Path(__file__).with_name("sheet_loop.py"))
-sheet_loop = importlib.util.module_from_spec(spec)
-sys.modules["sheet_loop"] = sheet_loop
-spec.loader.exec_module(sheet_loop)
-SheetLoop = sheet_loop.SheetLoop
 
 G = 9.80665
 AT = OperatingPoint(30.0, 0.1, gap=0.05)
