@@ -189,9 +189,10 @@ class _Referee:
     def name(self, speed: float) -> str:
         system = self.track.point(speed).system
         assert system is not None
-        if np.max(np.linalg.eigvals(system.A_0).real) > 0.0:
+        found = name_instability(system, self.decide(speed))
+        if found.kind == "none" and np.max(np.linalg.eigvals(system.A_0).real) > 0.0:
             return "unstable without modulation"
-        return name_instability(system, self.decide(speed)).name
+        return found.name
 
     def nearest(self, place: float, known: float, *, wanted: bool) -> float | None:
         """The speed nearest to `place`, towards `known`, with the wanted verdict."""

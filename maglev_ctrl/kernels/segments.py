@@ -113,7 +113,7 @@ def segment_coefficients(
     stacked = np.concatenate([A_0, *(m[:, read] for pair in zip(A_cos, A_sin, strict=True) for m in pair)], axis=1)
     # only monomials below the top degree feed others; the column block behind them stands for "no parent" and is zero
     feeding = int(np.max(basis.parents, initial=-1)) + 1
-    cosines, sines = _trigonometric(np.asarray(frequency * step * np.arange(1.0, harmonics + 1.0)), order)
+    cosines, sines = trigonometric(np.asarray(frequency * step * np.arange(1.0, harmonics + 1.0)), order)
     history = np.zeros((order + 1, rows, feeding * n))
     current = np.zeros((n, count, n))
     current[:, 0] = np.eye(n)
@@ -139,7 +139,7 @@ def segment_coefficients(
     return np.ascontiguousarray(total.transpose(1, 0, 2))
 
 
-def _trigonometric(angle: FloatArray, order: int) -> tuple[FloatArray, FloatArray]:
+def trigonometric(angle: FloatArray, order: int) -> tuple[FloatArray, FloatArray]:
     """Taylor coefficients of cos(angle u) and sin(angle u): (H, order + 1) each, zeros where the parity is wrong."""
     j = np.arange(order + 1)
     factorials = np.cumprod(np.concatenate([[1.0], np.arange(1.0, order + 1.0)]))

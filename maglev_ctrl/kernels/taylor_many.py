@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maglev_ctrl.arrays import FloatArray
-from maglev_ctrl.kernels.segments import Monomials, count_monomials, degree_for, monomials
+from maglev_ctrl.kernels.segments import Monomials, count_monomials, degree_for, monomials, trigonometric
 from maglev_ctrl.kernels.taylor import TaylorPlan, taylor_plan, tree_product
 
 _ALIKE = 2.0  # systems of one group differ by at most this in (norm times period)
@@ -159,7 +159,7 @@ def _segment_coefficients(
     )  # fmt: skip
     # only monomials below the top degree feed others; the column block behind them stands for "no parent" and is zero
     feeding = int(np.max(basis.parents, initial=-1)) + 1
-    cosines, sines = _trigonometric(2.0 * np.pi / segments * np.arange(1.0, harmonics + 1.0), order)
+    cosines, sines = trigonometric(2.0 * np.pi / segments * np.arange(1.0, harmonics + 1.0), order)
     history = np.zeros((order + 1, many, rows, feeding * n))
     current = np.zeros((many, n, count, n))
     current[:, :, 0] = np.eye(n)
@@ -200,7 +200,7 @@ def _one_by_one(
     angle = np.arange(1.0, harmonics + 1.0)[:, None] * (2.0 * np.pi * np.arange(segments) / segments)
     first = np.repeat((levels[:, None] * np.cos(angle)[:, None]).reshape(harmonics, jobs), n, axis=1)
     second = np.repeat((levels[:, None] * np.sin(angle)[:, None]).reshape(harmonics, jobs), n, axis=1)
-    cosines, sines = _trigonometric(2.0 * np.pi / segments * np.arange(1.0, harmonics + 1.0), order)
+    cosines, sines = trigonometric(2.0 * np.pi / segments * np.arange(1.0, harmonics + 1.0), order)
     history = np.zeros((order + 1, many, rows, jobs * n))
     current = np.array(np.broadcast_to(np.tile(np.eye(n), (1, jobs)), (many, n, jobs * n)))
     total = current.copy()
@@ -224,11 +224,3 @@ def _one_by_one(
     return np.ascontiguousarray(total.reshape(many, n, jobs, n).transpose(0, 2, 1, 3)).reshape(
         many, len(levels), segments, n, n
     )
-
-
-def _trigonometric(angle: FloatArray, order: int) -> tuple[FloatArray, FloatArray]:
-    """Taylor coefficients of cos(angle u) and sin(angle u): (H, order + 1) each, zeros where the parity is wrong."""
-    j = np.arange(order + 1)
-    factorials = np.cumprod(np.concatenate([[1.0], np.arange(1.0, order + 1.0)]))
-    factors = (-1.0) ** (j // 2) * angle[:, None] ** j / factorials
-    return np.where(j % 2, 0.0, factors), np.where(j % 2, factors, 0.0)

@@ -62,7 +62,7 @@ def survey_map(
     >>> scenario = load("scenarios/periodic/girder_passing.toml")
     >>> study = survey_map(scenario, map_request(scenario, options=["bare"]))    # doctest: +SKIP
     >>> study.options[0].plane.state.shape                                       # doctest: +SKIP
-    (120, 80)
+    (361, 201)
     """
     if jobs < 1:
         raise ValueError(f"jobs: expected one or more, got {jobs}")
