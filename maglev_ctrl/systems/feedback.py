@@ -16,7 +16,8 @@ class Controller:
     """Linear controller from measured outputs y to actuator commands u: x' = A x + B y, u = C x + D y.
 
     The sign of the feedback is inside the matrices (a stabilising state feedback has D = -K). `measured` are names of
-    outputs or states of the system, `commands` names of its inputs.
+    outputs or states of the system, `commands` names of its inputs. `dt` is the sampling period in s of a sampled law
+    (x+ = A x + B y); None in continuous time.
     """
 
     A: FloatArray
@@ -26,6 +27,7 @@ class Controller:
     measured: tuple[str, ...]
     commands: tuple[str, ...]
     name: str = "controller"
+    dt: float | None = None
 
     @classmethod
     def from_matrices(
@@ -38,6 +40,7 @@ class Controller:
         measured: tuple[str, ...],
         commands: tuple[str, ...],
         name: str = "controller",
+        dt: float | None = None,
     ) -> Controller:
         """A controller from its matrices, shapes checked.
 
@@ -55,11 +58,17 @@ class Controller:
                            name=key, shape=(rows, columns))
             for key, (value, rows, columns) in shaped.items()
         }  # fmt: skip
-        return cls(measured=measured, commands=commands, name=name, **arrays)
+        return cls(measured=measured, commands=commands, name=name, dt=dt, **arrays)
 
     @classmethod
     def static(
-        cls, gain: ArrayLike, *, measured: tuple[str, ...], commands: tuple[str, ...], name: str = "controller"
+        cls,
+        gain: ArrayLike,
+        *,
+        measured: tuple[str, ...],
+        commands: tuple[str, ...],
+        name: str = "controller",
+        dt: float | None = None,
     ) -> Controller:
         """Static feedback u = gain y.
 
@@ -70,7 +79,7 @@ class Controller:
         """
         return cls.from_matrices(
             np.zeros((0, 0)), np.zeros((0, len(measured))), np.zeros((len(commands), 0)), gain,
-            measured=measured, commands=commands, name=name,
+            measured=measured, commands=commands, name=name, dt=dt,
         )  # fmt: skip
 
     @property
@@ -90,7 +99,7 @@ def close_loop(system: SecondOrderSystem, controller: Controller) -> SecondOrder
 
     Raises
     ------
-    ValueError : a measured name or a command is unknown to the system
+    ValueError : a measured name or a command is unknown to the system, or the controller is sampled
 
     Examples
     --------
@@ -99,6 +108,8 @@ def close_loop(system: SecondOrderSystem, controller: Controller) -> SecondOrder
     >>> close_loop(plant, damper).C
     array([[0.5]])
     """
+    if controller.dt is not None:
+        raise ValueError(f"controller: {controller.name!r} is sampled; a vehicle's loop is closed in continuous time")
     n, n_c = len(system.dofs), len(controller.states)
     unknown = [name for name in controller.commands if name not in system.inputs]
     if unknown:
