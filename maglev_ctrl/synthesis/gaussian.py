@@ -47,17 +47,36 @@ class NoiseModel:
     measured: tuple[str, ...]
 
 
-def noise_model(
+@dataclass(frozen=True, eq=False, slots=True)
+class NoiseFactors:
+    """Plant with guideway states driven by unit white noises w: x' = A x + B1 w + B u, y = C x + D21 w + D u.
+
+    `disturbances` names the noises: accelerations of the freedoms, roughness of the guideway, noise of the sensors.
+    """
+
+    A: FloatArray
+    B1: FloatArray
+    B: FloatArray
+    C: FloatArray
+    D21: FloatArray
+    D: FloatArray
+    weights: QuadraticWeights
+    states: tuple[str, ...]
+    disturbances: tuple[str, ...]
+    measured: tuple[str, ...]
+
+
+def noise_factors(
     system: SecondOrderSystem,
     weights: QuadraticWeights,
     sensors: Sequence[SensorNoise],
     *,
     disturbance: float,
     guideway: GuidewayNoise | None,
-) -> NoiseModel:
-    """Join plant, sensors and noise sources; the guideway's displacements become states where `guideway` is given.
+) -> NoiseFactors:
+    """Join plant, sensors (perhaps none) and noise sources; guideway displacements become states with `guideway`.
 
-    One-sided densities d give two-sided intensities d^2 / 2.
+    One-sided densities d give two-sided intensities d^2 / 2, and factors d / sqrt(2).
 
     Raises
     ------
@@ -69,22 +88,49 @@ def noise_model(
     A, B = system.state_matrix(), system.input_matrix()[:, columns]
     C, D, E_y = system.output_rows(measured)
     shaken, felt = _disturbed(system, measured)
-    intensity = 0.5 * disturbance**2 * np.eye(len(system.dofs))
+    size = np.full(len(system.dofs), disturbance)
+    names = tuple(f"{name}.disturbance" for name in system.dofs)
     states, weighed = system.states, weights
     if guideway is not None and system.guideway:
         rough = _Roughness.of(system, guideway)
         A, B, C, shaken, felt = rough.grow(A, B, C, E_y, shaken, felt)
-        track = 0.5 * guideway.velocity_density**2 * np.eye(len(system.guideway))
-        zeros = np.zeros((intensity.shape[0], track.shape[0]))
-        intensity = np.block([[intensity, zeros], [zeros.T, track]])
+        size = np.concatenate([size, np.full(len(system.guideway), guideway.velocity_density)])
+        names += tuple(f"{name}.roughness" for name in system.guideway)
         states, weighed = states + system.guideway, rough.weights(system, weights)
-    noise = np.diag([0.5 * sensor.density**2 for sensor in sensors])
+    quiet = np.diag([sensor.density for sensor in sensors])
+    root = np.sqrt(0.5)
+    return NoiseFactors(
+        A=A,
+        B1=root * np.hstack([shaken * size, np.zeros((A.shape[0], len(sensors)))]),
+        B=B, C=C,
+        D21=root * np.hstack([felt * size, quiet.reshape(len(sensors), len(sensors))]),
+        D=D[:, columns],
+        weights=weighed, states=states, disturbances=(*names, *(f"{name}.noise" for name in measured)),
+        measured=measured,
+    )  # fmt: skip
+
+
+def noise_model(
+    system: SecondOrderSystem,
+    weights: QuadraticWeights,
+    sensors: Sequence[SensorNoise],
+    *,
+    disturbance: float,
+    guideway: GuidewayNoise | None,
+) -> NoiseModel:
+    """The same as intensities, for a Kalman filter.
+
+    Raises
+    ------
+    ValueError : no sensor, unknown or doubled sensors, or a density that is not positive
+    """
+    if not sensors:
+        raise ValueError("sensors: expected at least one")
+    found = noise_factors(system, weights, sensors, disturbance=disturbance, guideway=guideway)
     return NoiseModel(
-        A=A, B=B, C=C, D=D[:, columns],
-        process=shaken @ intensity @ shaken.T,
-        measurement=noise + felt @ intensity @ felt.T,
-        cross=shaken @ intensity @ felt.T,
-        weights=weighed, states=states, measured=measured,
+        A=found.A, B=found.B, C=found.C, D=found.D,
+        process=found.B1 @ found.B1.T, measurement=found.D21 @ found.D21.T, cross=found.B1 @ found.D21.T,
+        weights=found.weights, states=found.states, measured=found.measured,
     )  # fmt: skip
 
 
@@ -143,8 +189,6 @@ def _disturbed(system: SecondOrderSystem, measured: tuple[str, ...]) -> tuple[Fl
 def _check(
     system: SecondOrderSystem, sensors: Sequence[SensorNoise], disturbance: float, guideway: GuidewayNoise | None
 ) -> None:
-    if not sensors:
-        raise ValueError("sensors: expected at least one")
     for sensor in sensors:
         require_known(sensor.sensor, (*system.outputs, *system.states), what="sensor")
     require_distinct((sensor.sensor for sensor in sensors), what="sensor")
