@@ -1,6 +1,7 @@
 """Scenario files: TOML with units in, checked frozen records and vehicles out."""
 
-from maglev_ctrl.scenario.build import ControlLaw, build_option, build_vehicle, control_law
+from maglev_ctrl.scenario.build import build_option, build_vehicle
+from maglev_ctrl.scenario.control_law import ControlLaw, control_law
 from maglev_ctrl.scenario.option_schema import OptionRecord
 from maglev_ctrl.scenario.problems import Problem, ScenarioProblems
 from maglev_ctrl.scenario.reader import load

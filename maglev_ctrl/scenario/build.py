@@ -1,8 +1,7 @@
-"""From a scenario's records to a vehicle: bodies, magnets, connections, and an option's elements and law."""
+"""From a scenario's records to a vehicle: bodies, magnets, connections, and an option's elements."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal, assert_never
 
@@ -19,12 +18,11 @@ from maglev_ctrl.scenario.layout import (
     Layout,
     design_mass,
     layout,
-    outputs_of,
     place_element,
     place_sensor,
     secondary_places,
 )
-from maglev_ctrl.scenario.option_schema import Lqg, Lqr, OptionRecord, SkyHook
+from maglev_ctrl.scenario.option_schema import OptionRecord
 from maglev_ctrl.scenario.scenario_schema import Scenario
 from maglev_ctrl.scenario.vehicle_schema import Bogie, Car, DoubleL, TwoStage
 from maglev_ctrl.vehicle import (
@@ -41,33 +39,6 @@ from maglev_ctrl.vehicle import (
 GRAVITY = 9.80665
 _DIRECTIONS = {"vertical": (0.0, 0.0, 1.0), "lateral": (0.0, 1.0, 0.0)}
 _SIDES: dict[int, Literal[-1, 0, 1]] = {-1: -1, 0: 0, 1: 1}
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class ControlLaw:
-    """A control law with every name as the linear model knows it, values in SI.
-
-    Parameters
-    ----------
-    law : which one
-    actuators, sensors : names of the option's actuators and sensors, in the order of the file, bogies front to rear
-    output_weights : outputs with the largest acceptable value
-    input_weights : actuators with the largest acceptable force, N
-    noise : sensors with their noise density; LQG only
-    disturbance : acceleration noise density on every freedom, m/s^2 (rad/s^2) per sqrt(Hz); LQG only
-    damping : N s/m; sky-hook only
-    velocities : the velocity or acceleration each actuator brakes, one per actuator; sky-hook only
-    """
-
-    law: Literal["lqr", "lqg", "sky_hook"]
-    actuators: tuple[str, ...]
-    sensors: tuple[str, ...]
-    output_weights: tuple[tuple[str, float], ...] = ()
-    input_weights: tuple[tuple[str, float], ...] = ()
-    noise: tuple[tuple[str, float], ...] = ()
-    disturbance: float = 0.0
-    damping: float = 0.0
-    velocities: tuple[str, ...] = ()
 
 
 def build_vehicle(scenario: Scenario, *, payload: float | None = None) -> Vehicle:
@@ -151,39 +122,6 @@ def build_option(scenario: Scenario, option: OptionRecord, vehicle: Vehicle) -> 
         for place in place_sensor(sensor, here)
     )  # fmt: skip
     return vehicle.with_elements(connections=connections, actuators=actuators, sensors=sensors)
-
-
-def control_law(scenario: Scenario, option: OptionRecord) -> ControlLaw | None:
-    """The option's control law with "bogies" and "magnet_gap" spelled out; None for a passive option."""
-    if option.control is None:
-        return None
-    here = layout(scenario.vehicle)
-    expanded = {a.name: tuple(place.name for place in place_element(a, here)) for a in option.actuators}
-    actuators = tuple(name for names in expanded.values() for name in names)
-    placed = [(sensor, place.name) for sensor in option.sensors for place in place_sensor(sensor, here)]
-    sensors = tuple(name for _, name in placed)
-    control = option.control
-    match control:
-        case SkyHook():
-            velocities = tuple(name for sensor, name in placed if sensor.name == control.sensor)
-            return ControlLaw("sky_hook", actuators, sensors, damping=control.damping, velocities=velocities)
-        case Lqr() | Lqg():
-            outputs = outputs_of(option, here)
-            return ControlLaw(
-                control.law, actuators, sensors,
-                output_weights=tuple(
-                    (name, item.value.value)
-                    for item in control.allowed if item.output is not None for name in outputs[item.output][1]
-                ),
-                input_weights=tuple(
-                    (name, item.value.value)
-                    for item in control.allowed if item.actuator is not None for name in expanded[item.actuator]
-                ),
-                noise=tuple((name, sensor.noise or 0.0) for sensor, name in placed) if control.law == "lqg" else (),
-                disturbance=control.disturbance if isinstance(control, Lqg) else 0.0,
-            )  # fmt: skip
-        case _ as never:
-            assert_never(never)
 
 
 def _inertia(body: Car | Bogie) -> tuple[float, float, float]:

@@ -8,7 +8,7 @@ from maglev_ctrl.scenario.checks_options import NEGATIVE_DAMPING, option_faults
 from maglev_ctrl.scenario.eddy_current import eddy_current_faults
 from maglev_ctrl.scenario.force_schema import CoefficientForces, CornerImageForces, ImageForces, TableForces
 from maglev_ctrl.scenario.guideway_schema import EddyCurrentForces
-from maglev_ctrl.scenario.layout import BOGIES, CAR, GUIDEWAY, Layout, layout
+from maglev_ctrl.scenario.layout import BOGIES, CAR, GUIDEWAY, Layout, command_dimensions, layout
 from maglev_ctrl.scenario.periodic_sources import periodic_faults
 from maglev_ctrl.scenario.problems import Fault, KeyPath
 from maglev_ctrl.scenario.requirement_schema import PERIODIC_QUANTITIES
@@ -34,8 +34,9 @@ def faults_in(scenario: Scenario) -> list[Fault]:
         *_requirement_faults(scenario),
         *doubled(("option",), [option.name for option in scenario.options], noun="option"),
     ]
+    commands = command_dimensions(scenario)
     for index, option in enumerate(scenario.options):
-        faults.extend(option_faults(option, here, path=("option", index)))
+        faults.extend(option_faults(option, here, commands=commands, path=("option", index)))
     return faults
 
 

@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
+from maglev_ctrl.scenario.checks_control import Commands, budget_faults, control_faults
 from maglev_ctrl.scenario.layout import (
     BOGIES,
     GUIDEWAY,
     Layout,
-    outputs_of,
     place_element,
     place_sensor,
 )
-from maglev_ctrl.scenario.option_schema import (
-    ActuatorRecord,
-    Lqg,
-    Lqr,
-    OptionRecord,
-    SensorRecord,
-    SkyHook,
-    SpringDamperRecord,
-)
+from maglev_ctrl.scenario.option_schema import ActuatorRecord, OptionRecord, SpringDamperRecord
 from maglev_ctrl.scenario.problems import Fault, KeyPath, near_match
-from maglev_ctrl.scenario.units import describe, dimensions_of
 
 # kind: (may have passive elements, may have actuators, every element's attachment)
 NEGATIVE_DAMPING = "expected a damping that is not negative; an actuator can add energy, a damper cannot"
@@ -36,8 +27,13 @@ _KINDS: dict[str, tuple[bool, bool, str]] = {
 }
 
 
-def option_faults(option: OptionRecord, here: Layout, *, path: KeyPath) -> Iterator[Fault]:
-    """Every fault of one option; names are checked before what builds on them."""
+def option_faults(option: OptionRecord, here: Layout, *, commands: Commands, path: KeyPath) -> Iterator[Fault]:
+    """Every fault of one option; names are checked before what builds on them.
+
+    Parameters
+    ----------
+    commands : what a law may drive besides the option's actuators: the electromagnets of the vehicle
+    """
     ends = list(_end_faults(option, here, path=path))
     yield from ends
     yield from _kind_faults(option, path=path)
@@ -45,22 +41,17 @@ def option_faults(option: OptionRecord, here: Layout, *, path: KeyPath) -> Itera
         return
     yield from _name_faults(option, here, path=path)
     yield from _effect_faults(option, path=path)
+    yield from budget_faults(option, path=path)
     if option.control is None:
         if option.actuators:
             yield Fault(
                 (*path, "control"), "missing; expected a control law ([option.control]) that drives the actuators"
             )
         return
-    if not option.actuators:
+    if not option.actuators and not commands:
         yield Fault((*path, "control"), "expected at least one [[option.actuator]] for the law to drive", at_key=True)
         return
-    match option.control:
-        case Lqr() | Lqg():
-            yield from _weight_faults(option, option.control, here, path=(*path, "control"))
-        case SkyHook():
-            yield from _sky_hook_faults(option, option.control, here, path=(*path, "control"))
-    if isinstance(option.control, Lqg):
-        yield from _noise_faults(option, path=path)
+    yield from control_faults(option, here, commands, path=path)
 
 
 def _elements(option: OptionRecord) -> Iterator[tuple[str, int, SpringDamperRecord | ActuatorRecord]]:
@@ -133,81 +124,8 @@ def _name_faults(option: OptionRecord, here: Layout, *, path: KeyPath) -> Iterat
 
 def _effect_faults(option: OptionRecord, *, path: KeyPath) -> Iterator[Fault]:
     for index, spring in enumerate(option.spring_dampers):
-        if spring.stiffness == 0.0 and spring.damping == 0.0:
+        if spring.stiffness == 0.0 and spring.damping == 0.0 and option.damping_budget is None:
             here = (*path, "spring_damper", index)
             yield Fault(here, "expected a stiffness or a damping other than zero", idle=True)
         if spring.damping < 0.0:
             yield Fault((*path, "spring_damper", index, "damping"), NEGATIVE_DAMPING)
-
-
-def _weight_faults(option: OptionRecord, law: Lqr | Lqg, here: Layout, *, path: KeyPath) -> Iterator[Fault]:
-    outputs = outputs_of(option, here)
-    actuators = {actuator.name for actuator in option.actuators}
-    newton = dimensions_of("N")
-    weighted: set[str] = set()
-    named: list[str] = []
-    for index, item in enumerate(law.allowed):
-        place: KeyPath = (*path, "allowed", index)
-        if (item.output is None) == (item.actuator is None):
-            yield Fault(place, "expected exactly one of output and actuator")
-            continue
-        name = item.output or item.actuator or ""
-        if item.actuator is not None:
-            weighted.add(item.actuator)
-            if item.actuator not in actuators:
-                yield Fault((*place, "actuator"), f'no actuator is called "{name}"{near_match(name, actuators)}')
-                continue
-            dimensions, example = newton, "a force"
-        else:
-            if item.output not in outputs:
-                yield Fault((*place, "output"), f'no output is called "{name}"{_near_output(name, outputs)}')
-                continue
-            dimensions = outputs[name][0]
-            example = describe(dimensions)
-        if name in named:
-            yield Fault(place, f'"{name}" already has a weight')
-        named.append(name)
-        if item.value.dimensions != dimensions or (not dimensions and item.value.written != "angle"):
-            example = example if dimensions else "an angle"
-            got = f'{describe(item.value.dimensions)}: "{item.value.text}"'
-            yield Fault((*place, "value"), f"expected {example} with its unit for {name}, got {got}")
-    for missing in sorted(actuators - weighted):
-        yield Fault((*path, "allowed"), f'expected a weight {{ actuator = "{missing}", value = ... }} as well')
-    if all(item.output is None for item in law.allowed):
-        yield Fault((*path, "allowed"), "expected at least one { output = ..., value = ... }")
-
-
-def _near_output(name: str, outputs: Mapping[str, object]) -> str:
-    text = near_match(name, outputs)
-    if "did you mean" in text:
-        return text
-    return "; examples are " + ", ".join(list(outputs)[:6])
-
-
-def _noise_faults(option: OptionRecord, *, path: KeyPath) -> Iterator[Fault]:
-    if not option.sensors:
-        yield Fault((*path, "control"), "the law lqg measures with sensors; expected at least one [[option.sensor]]")
-    for index, sensor in enumerate(option.sensors):
-        if sensor.noise is None:
-            unit = {"velocity": "1 mm/s/Hz^0.5", "acceleration": "0.01 m/s^2/Hz^0.5"}.get(sensor.kind, "0.01 mm/Hz^0.5")
-            yield Fault(
-                (*path, "sensor", index, "noise"), f'missing; the law lqg needs a noise density, for example "{unit}"'
-            )
-
-
-def _sky_hook_faults(option: OptionRecord, law: SkyHook, here: Layout, *, path: KeyPath) -> Iterator[Fault]:
-    sensors: dict[str, SensorRecord] = {sensor.name: sensor for sensor in option.sensors}
-    sensor = sensors.get(law.sensor)
-    if sensor is None:
-        yield Fault((*path, "sensor"), f'no sensor is called "{law.sensor}"{near_match(law.sensor, sensors)}')
-        return
-    if sensor.kind not in ("velocity", "acceleration"):
-        yield Fault((*path, "sensor"), f"expected a sensor of velocity or acceleration, got one of kind {sensor.kind}")
-    driven = sum(len(place_element(actuator, here)) for actuator in option.actuators)
-    measured = len(place_sensor(sensor, here))
-    if driven != measured:
-        yield Fault(
-            (*path, "sensor"), f"expected one velocity per actuator: {driven} actuators, {measured} measurements"
-        )
-    if law.damping <= 0.0:
-        yield Fault((*path, "damping"), "expected a damping above zero")

@@ -217,3 +217,8 @@ def design_mass(scenario: Scenario, *, payload: float | None = None) -> float:
     car = scenario.vehicle.car
     bogies = sum(b.mass for b in scenario.vehicle.bogies) if isinstance(scenario.vehicle, TwoStage) else 0.0
     return car.mass + (car.payload if payload is None else payload) + bogies
+
+
+def command_dimensions(scenario: Scenario) -> dict[str, tuple[Dimensions, tuple[str, ...]]]:
+    """Commands of the bare vehicle's electromagnets: names a law may drive, their dimensions, and the inputs meant."""
+    return {}

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 from pydantic import Field
 from pydantic_core import PydanticCustomError, core_schema
 
+from maglev_ctrl.scenario.control_schema import ControlRecord, DampingBudget
 from maglev_ctrl.scenario.records import Many, Name, Record
 from maglev_ctrl.scenario.units import (
     LENGTH,
     AccelerationNoise,
-    AnyQuantity,
     Bandwidth,
     Damping,
     Force,
@@ -127,48 +127,10 @@ class AccelerationSensor(_SensorBase):
 SensorRecord = Annotated[GapSensor | StrokeSensor | VelocitySensor | AccelerationSensor, Field(discriminator="kind")]
 
 
-class Allowed(Record):
-    """A weight in engineering terms: the largest value of an output or of an actuator's force you would accept."""
-
-    output: str | None = Field(
-        None,
-        max_length=100,
-        description='e.g. "car.heave.acceleration", "car.pitch", "magnet_gap" (all magnets), "<element>.stroke"',
-    )
-    actuator: Name | None = Field(None, description="name of an actuator of this option")
-    value: AnyQuantity = Field(description="largest value you would accept, above zero")
-
-
-class Lqr(Record):
-    """Linear-quadratic state feedback: every state is taken as measured."""
-
-    law: Literal["lqr"]
-    allowed: Many[Allowed] = Field(min_length=2, description="weights of outputs and actuators")
-
-
-class Lqg(Record):
-    """Linear-quadratic feedback of the option's sensors through a Kalman filter."""
-
-    law: Literal["lqg"]
-    allowed: Many[Allowed] = Field(min_length=2, description="weights of outputs and actuators")
-    disturbance: AccelerationNoise = Field(description="acceleration noise density on every freedom of every body")
-
-
-class SkyHook(Record):
-    """Each actuator brakes the absolute velocity measured at its place."""
-
-    law: Literal["sky_hook"]
-    damping: Damping = Field(description="force per absolute velocity")
-    sensor: Name = Field(
-        description="a sensor of velocity (or acceleration, integrated), one per actuator, in the actuators' order"
-    )
-
-
-ControlRecord = Annotated[Lqr | Lqg | SkyHook, Field(discriminator="law")]
-
-
 class OptionRecord(Record):
     """One suspension option: the elements added to the bare vehicle, and the control law of its actuators."""
+
+    later_keys: ClassVar[frozenset[str]] = frozenset({"damping_budget"})
 
     name: Name = Field(description="unique name")
     label: str = Field("", max_length=80, description="name in tables and figures; left out: the name")
@@ -178,3 +140,6 @@ class OptionRecord(Record):
     actuators: Many[ActuatorRecord] = Field((), alias="actuator", description="active elements")
     sensors: Many[SensorRecord] = Field((), alias="sensor", description="what the control law measures")
     control: ControlRecord | None = Field(None, description="the law that drives the actuators")
+    damping_budget: DampingBudget | None = Field(
+        None, description="choose the damping of the option's spring_dampers instead of prescribing it"
+    )

@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 import math
+from typing import assert_never
 
+from maglev_ctrl.scenario.control_schema import (
+    ControlRecord,
+    Lqg,
+    Lqi,
+    Lqr,
+    MultiObjective,
+    OutputFeedback,
+    Predictive,
+    RelativeHook,
+    RiccatiLaw,
+    Scheduled,
+    SkyHook,
+)
 from maglev_ctrl.scenario.layout import CAR, Layout, layout, place_element, place_sensor
 from maglev_ctrl.scenario.option_schema import (
     ActuatorRecord,
-    Lqg,
-    Lqr,
     OptionRecord,
     SensorRecord,
-    SkyHook,
     SpringDamperRecord,
 )
 from maglev_ctrl.scenario.scenario_schema import Scenario
@@ -64,13 +75,51 @@ def _sensor(sensor: SensorRecord, here: Layout) -> str:
     return f"{_times(len(places))}{sensor.kind} sensor {sensor.name} on {on}"
 
 
-def _law(law: Lqr | Lqg | SkyHook) -> str:
+def _law(law: ControlRecord) -> str:
     match law:
         case SkyHook():
             return f"sky-hook damping {law.damping / 1e3:g} kN s/m of {law.sensor}"
+        case RelativeHook():
+            given = {
+                "sky-hook": law.sky, "ground-hook": law.ground, "relative": law.relative, "gap-rate": law.gap_rate
+            }  # fmt: skip
+            return "damping: " + ", ".join(f"{kind} {value / 1e3:g} kN s/m" for kind, value in given.items() if value)
         case Lqr():
             name = "LQR"
+        case Lqi():
+            name = f"LQR with integrals of {', '.join(item.output for item in law.integral)}"
         case Lqg():
             name = f"LQG, disturbance {law.disturbance:g} m/s^2 per sqrt(Hz)"
+        case RiccatiLaw():
+            name = f"{'H2' if law.law == 'h2' else 'H-infinity'} feedback of the {law.feedback}"
+        case MultiObjective():
+            name = f"multi-objective LMI, {_objective(law.objective)}{_bounds(law)}"
+        case OutputFeedback():
+            kind = "constant gains" if law.order == 0 else f"a law of order {law.order}"
+            name = f"output feedback, {kind}, {_objective(law.objective)}"
+        case Scheduled():
+            name = f"gains scheduled over {law.over}, {law.method}, {len(law.nodes)} nodes"
+        case Predictive():
+            name = f"predictive control, {law.horizon} steps of {law.sampling_period * 1e3:g} ms"
+        case _ as never:
+            assert_never(never)
     weights = ", ".join(f"{item.output or item.actuator} {item.value.text}" for item in law.allowed)
     return f"{name}; acceptable: {weights}"
+
+
+def _objective(objective: str) -> str:
+    words = {
+        "h2": "least H2 norm", "h_infinity": "least H-infinity norm", "decay_rate": "fastest decay",
+        "damping_ratio": "largest damping ratio", "gain": "least gain", "none": "no objective",
+    }  # fmt: skip
+    return words[objective]
+
+
+def _bounds(law: MultiObjective) -> str:
+    given = [
+        ("H2 norm below {:g}", law.h2_below), ("H-infinity norm below {:g}", law.h_infinity_below),
+        ("decay rate {:g} 1/s", law.decay_rate), ("damping ratio {:g}", law.damping_ratio),
+        ("poles within {:g} 1/s", law.fastest), ("gain below {:g}", law.gain_below),
+    ]  # fmt: skip
+    words = "".join(f", {text.format(value)}" for text, value in given if value is not None)
+    return f"{words}, at every corner" if law.corners is not None else words

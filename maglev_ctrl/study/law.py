@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import assert_never
-
 from maglev_ctrl.scenario import OptionRecord, Scenario, control_law
+from maglev_ctrl.scenario.control_schema import Lqg, Lqr
+from maglev_ctrl.scenario.control_schema import SkyHook as SkyHookRecord
 from maglev_ctrl.study.situation import VERIFICATION_ORDER, OptionModel, Situation
 from maglev_ctrl.synthesis.design import Design, verify
 from maglev_ctrl.synthesis.gaussian import SensorNoise
@@ -31,22 +31,23 @@ def design_law(scenario: Scenario, option: OptionRecord, model: OptionModel) -> 
     plant = model.plant(design_point, pade_order=0)
     outputs = tuple(OutputWeight(name, allowed) for name, allowed in law.output_weights)
     inputs = tuple(InputWeight(name, allowed) for name, allowed in law.input_weights)
-    match law.law:
-        case "lqr":
+    record = law.record
+    match record:
+        case Lqr():
             return design_lqr(plant, outputs, inputs, name=option.name)
-        case "lqg":
+        case Lqg():
             noise = tuple(SensorNoise(name, density) for name, density in law.noise)
             return design_lqg(
-                plant, outputs, inputs, sensors=noise, disturbance=law.disturbance, name=option.name
+                plant, outputs, inputs, sensors=noise, disturbance=record.disturbance, name=option.name
             )  # fmt: skip
-        case "sky_hook":
+        case SkyHookRecord():
             dampers = tuple(
-                SkyHook(actuator, velocity, damping=law.damping)
-                for actuator, velocity in zip(law.actuators, law.velocities, strict=True)
+                SkyHook(actuator, velocity, damping=record.damping)
+                for actuator, velocity in zip(law.actuators, law.placed(record.sensor), strict=True)
             )
             return sky_hook(plant, dampers, name=option.name)
-        case _ as never:
-            assert_never(never)
+        case _:
+            raise NotImplementedError(record.law)
 
 
 def delayed_certificate(model: OptionModel, design: Design) -> str:
