@@ -76,12 +76,13 @@ def two_sum(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:
     return total, (a - (total - part)) + (b - part)
 
 
-def extended_solve(matrix: FloatArray, right: Extended, *, steps: int = 4) -> Extended:
+def extended_solve(matrix: FloatArray | Extended, right: Extended, *, steps: int = 4) -> Extended:
     """Solution of matrix X = right by iterative refinement with residuals in extended precision."""
-    factors = lu_factor(matrix)
+    exact = matrix if isinstance(matrix, Extended) else Extended.of(matrix)
+    factors = lu_factor(exact.high)
     solution = Extended.of(lu_solve(factors, right.high))
     for _ in range(steps):
-        rest = right - Extended.of(matrix) @ solution
+        rest = right - exact @ solution
         solution = solution + Extended.of(lu_solve(factors, rest.high))
     return solution
 

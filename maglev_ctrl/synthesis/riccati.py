@@ -118,10 +118,10 @@ def riccati_continuous(
             more = _seeds(equation, FALLBACK)
             refined, seeds = _better(refined, _best(equation, more)), seeds | more
         if refined is None:
-            return _failed(a, b, *_diagnosis(equation))
+            return unsolved(a, b, *_diagnosis(equation))
         status, message = _unsolvable(equation, refined)
         if status is Status.INFEASIBLE:
-            return _failed(a, b, status, message)
+            return unsolved(a, b, status, message)
         return _finished(equation, refined, _agreement(equation, seeds, refined))
 
 
@@ -270,7 +270,7 @@ def _finished(equation: _Equation, refined: _Refined, agreed: Agreement) -> Ricc
     residual = float(np.linalg.norm(rest.high)) / _size_of_terms(equation, stored.high)
     condition = _condition(equation, stored.high)
     error = max(refined.step, 0.5 * EPS)
-    status, message = _verdict(refined, error, condition, agreed)
+    status, message = verdict(refined.method, error, condition, agreed)
     return RiccatiSolution(
         P=read_only(0.5 * (P + P.T), name="P"),
         gain=read_only(gain, name="gain"),
@@ -285,7 +285,8 @@ def _finished(equation: _Equation, refined: _Refined, agreed: Agreement) -> Ricc
     )
 
 
-def _verdict(refined: _Refined, error: float, condition: float, agreed: Agreement) -> tuple[Status, str]:
+def verdict(method: str, error: float, condition: float, agreed: Agreement) -> tuple[Status, str]:
+    """Status of a refined solution with relative `error`, for data of the given `condition`."""
     sensitivity = condition * EPS
     if error > 1e-3:
         return Status.NUMERICAL_ERROR, f"Newton's method stalled at relative step {error:.1e}"
@@ -294,11 +295,12 @@ def _verdict(refined: _Refined, error: float, condition: float, agreed: Agreemen
     if not sensitivity <= 1e-3:
         return Status.ALMOST_SOLVED, f"rounding of the data alone changes P by about {sensitivity:.1e}"
     if agreed is Agreement.UNRESOLVED:
-        return Status.SOLVED, f"only the seed by {refined.method} was good; Newton's method vouches for the solution"
+        return Status.SOLVED, f"only the seed by {method} was good; Newton's method vouches for the solution"
     return Status.SOLVED, ""
 
 
-def _failed(A: FloatArray, B: FloatArray, status: Status, message: str) -> RiccatiSolution:
+def unsolved(A: FloatArray, B: FloatArray, status: Status, message: str) -> RiccatiSolution:
+    """No solution, and why."""
     n, m = A.shape[0], B.shape[1]
     return RiccatiSolution(
         P=read_only_any(np.full((n, n), np.nan)),

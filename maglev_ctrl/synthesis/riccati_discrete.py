@@ -1,0 +1,332 @@
+"""Discrete algebraic Riccati equation, solved by several methods, refined in extended precision and checked.
+
+    A'XA - X - (A'XB + N)(R + B'XB)^-1 (B'XA + N') + Q = 0,  gain = (R + B'XB)^-1 (B'XA + N'),  A - B gain stable.
+
+R may be singular or indefinite and A singular; only R + B'XB has to be regular. Where it is not positive definite the
+solution belongs to a saddle point (a game), not to a least cost, and the message says so. As in `riccati`, the data
+are scaled by powers of two (no rounding), seeds come from methods that share no code, and Newton steps with residuals
+in twice the working precision carry the best seed to the accuracy of its last digits.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.linalg import LinAlgError, eigvals, matrix_balance, solve_discrete_lyapunov
+
+from maglev_ctrl.arrays import FloatArray, read_only, read_only_any
+from maglev_ctrl.errors import Agreement, Status
+from maglev_ctrl.synthesis.extended import Extended, extended_solve
+from maglev_ctrl.synthesis.riccati import EPS, NEWTON_STEPS, RiccatiSolution, unsolved, verdict
+from maglev_ctrl.synthesis.riccati_discrete_seeds import FALLBACK, PRIMARY, DiscreteSeed, extended_pencil
+
+ON_CIRCLE = "the extended pencil has eigenvalues on the unit circle: no stabilising solution"
+SINGULAR = "an input neither costs nor moves anything: R + B'XB is singular whatever X is"
+SADDLE = "R + B'XB is not positive definite: a saddle point, the cost has no least value"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Equation:
+    """Scaled data and the scaling back: X = scale * outer(d, d) * X_scaled with d = 1 / `states`; u = inputs * u_s."""
+
+    A: FloatArray
+    B: FloatArray
+    Q: FloatArray
+    R: FloatArray
+    N: FloatArray
+    states: FloatArray
+    inputs: FloatArray
+    scale: float
+
+    @property
+    def data(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+        return self.A, self.B, self.Q, self.R, self.N
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Refined:
+    X: Extended
+    gain: Extended
+    step: float
+    radius: float
+    method: str
+
+
+def riccati_discrete(
+    A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike, N: ArrayLike | None = None
+) -> RiccatiSolution:
+    """Stabilising solution of the discrete Riccati equation; failure is a status, never a wrong number.
+
+    The record is that of `riccati_continuous`: `P` is X here, `closed_loop_poles` lie inside the unit circle.
+
+    Parameters
+    ----------
+    A : (n, n) state matrix of x+ = A x + B u
+    B : (n, m) input matrix
+    Q, R, N : (n, n), (m, m), (n, m) weights of the sum of x'Qx + u'Ru + 2 x'Nu; any symmetric Q and R
+
+    Raises
+    ------
+    ValueError : shapes do not fit, or Q or R is not symmetric
+
+    Examples
+    --------
+    >>> solution = riccati_discrete([[2.0, -1.0], [1.0, 0.0]], [[1.0], [0.0]], [[0.0, 0.0], [0.0, 1.0]], [[0.0]])
+    >>> [[round(float(x), 12) for x in row] for row in solution.gain]
+    [[2.0, -1.0]]
+    >>> solution.status.name
+    'SOLVED'
+    """
+    a, b, q, r, n = checked(A, B, Q, R, N)
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        equation = _scaled(a, b, q, r, n)
+        seeds = _seeds(equation, PRIMARY)
+        refined = _best(equation, seeds)
+        if len(seeds) < 2 or refined is None or refined.step > 1e-12:
+            more = _seeds(equation, FALLBACK)
+            refined, seeds = _better(refined, _best(equation, more)), seeds | more
+        if refined is None:
+            return unsolved(a, b, *_diagnosis(equation))
+        status, message = _unsolvable(equation, refined)
+        if status is not Status.SOLVED:
+            return unsolved(a, b, status, message)
+        return _finished(equation, refined, _agreement(equation, seeds, refined))
+
+
+def checked(
+    A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike, N: ArrayLike | None
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Data of one Riccati equation as arrays, shapes and symmetry checked.
+
+    Raises
+    ------
+    ValueError : shapes do not fit, or Q or R is not symmetric
+    """
+    a = read_only(A, name="A", shape=(None, None))
+    if a.ndim != 2 or a.shape[0] != a.shape[1] or not a.size:
+        raise ValueError(f"A: expected one square matrix, got shape {a.shape}")
+    states = a.shape[0]
+    b = read_only(B, name="B", shape=(states, None))
+    inputs = b.shape[-1]
+    if inputs == 0:
+        raise ValueError("B: expected at least one column")
+    q = read_only(Q, name="Q", shape=(states, states))
+    r = read_only(R, name="R", shape=(inputs, inputs))
+    n = read_only(np.zeros((states, inputs)) if N is None else N, name="N", shape=(states, inputs))
+    for name, matrix in (("B", b), ("Q", q), ("R", r), ("N", n)):
+        if matrix.ndim != 2:
+            raise ValueError(f"{name}: expected one matrix, got shape {matrix.shape}")
+    for name, matrix in (("Q", q), ("R", r)):
+        if np.linalg.norm(matrix - matrix.T) > 1e-10 * np.linalg.norm(matrix):
+            raise ValueError(f"{name}: expected a symmetric matrix")
+    return a, b, 0.5 * (q + q.T), 0.5 * (r + r.T), n
+
+
+def _scaled(A: FloatArray, B: FloatArray, Q: FloatArray, R: FloatArray, N: FloatArray) -> _Equation:
+    """Balance the extended pencil by a symplectic diagonal of the states and one of the inputs; powers of two only."""
+    n, m = B.shape
+    magnitude = np.zeros((2 * n + m, 2 * n + m))
+    magnitude[:n, :n], magnitude[:n, 2 * n :] = np.abs(A), np.abs(B)
+    magnitude[n : 2 * n, :n], magnitude[n : 2 * n, n : 2 * n] = np.abs(Q), np.abs(A.T)
+    magnitude[n : 2 * n, 2 * n :], magnitude[2 * n :, :n] = np.abs(N), np.abs(N.T)
+    magnitude[2 * n :, n : 2 * n], magnitude[2 * n :, 2 * n :] = np.abs(B.T), np.abs(R)
+    np.fill_diagonal(magnitude, 0.0)
+    _, (balance, _) = matrix_balance(magnitude, separate=True, permute=False)
+    states = np.exp2(np.round(0.5 * np.log2(balance[:n] / balance[n : 2 * n])))
+    # Inputs to unit size in what they move and cost: R + B'XB is then no worse conditioned than the problem is.
+    push = np.linalg.norm(B / states[:, None], axis=0)
+    heavy = float(np.linalg.norm(Q * np.outer(states, states)))
+    price = np.sqrt(np.abs(np.diag(R)) / heavy) if heavy > 0.0 else np.zeros(m)
+    weight = np.hypot(push, price)
+    inputs = np.exp2(-np.round(np.log2(np.where(weight > 0.0, weight, 1.0))))
+    scale = float(np.exp2(np.round(np.log2(heavy)))) if heavy > 0.0 else 1.0
+    return _Equation(
+        A=A * states / states[:, None], B=B * inputs / states[:, None], Q=Q * np.outer(states, states) / scale,
+        R=R * np.outer(inputs, inputs) / scale, N=N * np.outer(states, inputs) / scale,
+        states=states, inputs=inputs, scale=scale,
+    )  # fmt: skip
+
+
+def _seeds(equation: _Equation, methods: dict[str, DiscreteSeed]) -> dict[str, FloatArray]:
+    found: dict[str, FloatArray] = {}
+    for name, seed in methods.items():
+        try:
+            X = seed(*equation.data)
+            gain = _plain_gain(equation, X)
+        except (LinAlgError, ValueError):
+            continue
+        if np.all(np.isfinite(X)) and _radius(equation.A - equation.B @ gain) < 1.0:
+            found[name] = X
+    return found
+
+
+def _plain_gain(equation: _Equation, X: FloatArray) -> FloatArray:
+    A, B, _, R, N = equation.data
+    return np.asarray(np.linalg.solve(R + B.T @ X @ B, B.T @ X @ A + N.T), dtype=float)
+
+
+def _agreement(equation: _Equation, seeds: dict[str, FloatArray], refined: _Refined) -> Agreement:
+    """Two seeds lie as near the refined solution as rounding of the data explains, or are led there by Newton steps."""
+    X = refined.X.high
+    allowed = max(1e-8, min(1e-3, 1e3 * EPS * _condition(equation, X)))
+    count = 0
+    for name, seed in seeds.items():
+        close = np.linalg.norm(seed - X) <= allowed * np.linalg.norm(X)
+        if not close and (led := _refine(equation, seed, name)) is not None:
+            close = np.linalg.norm(led.X.high - X) <= 1e-10 * np.linalg.norm(X)
+        count += bool(close)
+    return Agreement.AGREED if count >= 2 else Agreement.UNRESOLVED
+
+
+def _unsolvable(equation: _Equation, refined: _Refined) -> tuple[Status, str]:
+    """A closed loop that is all but neutral may be rounding's answer to a problem without a solution."""
+    converged = refined.step <= 1e-14
+    if refined.step > 1e-3:
+        return _diagnosis(equation)
+    if refined.radius < 1.0 - 1e-6 or (converged and refined.radius < 1.0 - 1e-12):
+        return Status.SOLVED, ""
+    status, message = _diagnosis(equation)
+    if converged and message == ON_CIRCLE:
+        return Status.SOLVED, ""  # a mere look at the pencil cannot tell "near the circle" from "on it"
+    return status, message
+
+
+def _best(equation: _Equation, seeds: dict[str, FloatArray]) -> _Refined | None:
+    """Refine seeds in order of their residual until one converges."""
+    best: _Refined | None = None
+    size = {name: float(np.linalg.norm(_residual(equation, Extended.of(X))[0].high)) for name, X in seeds.items()}
+    for name in sorted(size, key=lambda name: size[name]):
+        best = _better(best, _refine(equation, seeds[name], name))
+        if best is not None and best.step <= 1e-15:
+            break
+    return best
+
+
+def _better(first: _Refined | None, second: _Refined | None) -> _Refined | None:
+    if first is None or second is None:
+        return first or second
+    return first if first.step <= second.step else second
+
+
+def _residual(equation: _Equation, X: Extended) -> tuple[Extended, Extended]:
+    """Residual of the equation and the gain, both in extended precision."""
+    A, B, Q, R, N = (Extended.of(matrix) for matrix in equation.data)
+    ahead, push = X @ A, X @ B
+    cross = A.T @ push + N
+    gain = extended_solve(R + (B.T @ push).symmetric(), cross.T)
+    rest = Q - X + A.T @ ahead - cross @ gain
+    return rest.symmetric(), gain
+
+
+def _refine(equation: _Equation, seed: FloatArray, method: str) -> _Refined | None:
+    """Newton's method (Hewer, IEEE TAC 16 (1971) 382) on a correction of X, kept as a pair."""
+    X, last = Extended.of(seed), np.inf
+    best: _Refined | None = None
+    for _ in range(NEWTON_STEPS):
+        try:
+            rest, gain = _residual(equation, X)
+            closed = equation.A - equation.B @ gain.high
+            radius = _radius(closed)
+            if not radius < 1.0:
+                break
+            correction = np.asarray(solve_discrete_lyapunov(closed.T, rest.high), dtype=float)
+        except (LinAlgError, ValueError):
+            break
+        size = float(np.linalg.norm(X.high))
+        step = float(np.linalg.norm(correction)) / size if size > 0.0 else float(np.linalg.norm(correction))
+        if not np.isfinite(step):
+            break
+        if best is None or step < best.step:
+            best = _Refined(X, gain, step, radius, method)
+        if step <= EPS**1.5 or (step < 1e-9 and step > 0.5 * last):
+            break
+        X, last = (X + Extended.of(0.5 * (correction + correction.T))).symmetric(), step
+    return best
+
+
+def _finished(equation: _Equation, refined: _Refined, agreed: Agreement) -> RiccatiSolution:
+    back = 1.0 / equation.states
+    stored = refined.X.high
+    poles = np.linalg.eigvals(equation.A - equation.B @ refined.gain.high)
+    condition = _condition(equation, stored)
+    error = max(refined.step, 0.5 * EPS)
+    status, message = verdict(refined.method, error, condition, agreed)
+    price = equation.R + equation.B.T @ stored @ equation.B
+    if np.linalg.eigvalsh(0.5 * (price + price.T))[0] <= 0.0:
+        message = f"{SADDLE}; {message}" if message else SADDLE
+    P = equation.scale * stored * np.outer(back, back)
+    rest, _ = _residual(equation, Extended.of(stored))
+    return RiccatiSolution(
+        P=read_only(0.5 * (P + P.T), name="P"),
+        gain=read_only(equation.inputs[:, None] * refined.gain.high * back, name="gain"),
+        closed_loop_poles=read_only_any(poles.astype(complex)),
+        residual=float(np.linalg.norm(rest.high)) / _size_of_terms(equation, stored, refined.gain.high),
+        forward_error=error,
+        condition=condition,
+        method=refined.method,
+        agreed=agreed,
+        status=status,
+        message=message,
+    )
+
+
+def _diagnosis(equation: _Equation) -> tuple[Status, str]:
+    """Which condition for a stabilising solution is broken: an uncontrollable mode, an unseen mode, a free input."""
+    A, B, Q, R, N = equation.data
+    n, m = B.shape
+    size = float(np.linalg.norm(A, 2)) + float(np.linalg.norm(B, 2)) + 1e-300
+    for value in np.linalg.eigvals(A):
+        shifted = A - value * np.eye(n)
+        if abs(value) >= 1.0 - 1e-9:
+            reach = np.linalg.svd(np.hstack([shifted, B]), compute_uv=False)[-1]
+            if reach <= 1e-9 * size:
+                return Status.INFEASIBLE, f"the inputs cannot move the mode at z = {value:.4g}"
+        if abs(abs(value) - 1.0) <= 1e-7:
+            seen = np.linalg.svd(np.vstack([shifted, Q, N.T]), compute_uv=False)[-1]
+            if seen <= 1e-9 * size:
+                return Status.INFEASIBLE, f"the weights do not see the neutral mode at z = {value:.4g}"
+    if np.linalg.matrix_rank(np.vstack([B, R, N])) < m:
+        return Status.INFEASIBLE, SINGULAR
+    alpha, beta = eigvals(*extended_pencil(*equation.data), homogeneous_eigvals=True)
+    if np.min(np.hypot(np.abs(alpha), np.abs(beta))) <= 1e-13 * (1.0 + size):
+        return Status.INFEASIBLE, "the extended pencil is singular: R + B'XB is singular whatever X is"
+    if np.min(np.abs(np.abs(alpha) - np.abs(beta)) / np.hypot(np.abs(alpha), np.abs(beta))) <= 1e-7:
+        return Status.INFEASIBLE, ON_CIRCLE
+    return Status.NUMERICAL_ERROR, "no method gave a stabilising solution"
+
+
+def _condition(equation: _Equation, X: FloatArray) -> float:
+    """First-order bound in the scaled coordinates: 2-norm changes of all five data relative to their norms.
+
+    The change of X solves Z = F'ZF + W with F the closed loop, K the gain, W = dQ + K'dR K - dN K - (dN K)' + U + U',
+    U = F'X (dA - dB K). With Y = inverse(F, S) the solution for S, |inverse(U'V + V'U)| <= 2 (|Y_U'U| |Y_V'V|)^1/2.
+    """
+    A, B, Q, R, N = equation.data
+    gain = _plain_gain(equation, X)
+    closed = A - B @ gain
+    size = float(np.linalg.norm(X, 2))
+    if size == 0.0:
+        return 1.0
+    ahead = X @ closed
+    inner, outer, spent = (
+        float(np.linalg.norm(solve_discrete_lyapunov(closed.T, S), 2))
+        for S in (np.eye(len(A)), ahead.T @ ahead, gain.T @ gain)
+    )
+    a, b, q, r, n = (float(np.linalg.norm(matrix, 2)) for matrix in (A, B, Q, R, N))
+    total = inner * q + spent * r + 2.0 * np.sqrt(inner * spent) * n
+    return float(total + 2.0 * np.sqrt(outer) * (np.sqrt(inner) * a + np.sqrt(spent) * b)) / size
+
+
+def _size_of_terms(equation: _Equation, X: FloatArray, gain: FloatArray) -> float:
+    A, B, Q, _, N = equation.data
+    terms = (Q, X, A.T @ X @ A, (A.T @ X @ B + N) @ gain)
+    total = sum(float(np.linalg.norm(term)) for term in terms)
+    return total if total > 0.0 else 1.0
+
+
+def _radius(matrix: FloatArray) -> float:
+    return float(np.max(np.abs(np.linalg.eigvals(matrix))))
