@@ -1,0 +1,1 @@
+"""Model predictive control: quadratic programs checked step by step, with a proved law to fall back on."""

@@ -1,0 +1,328 @@
+"""Convex quadratic programs: OSQP, Clarabel after it, own refinement, and no answer that is not checked.
+
+    minimise  x'P x / 2 + q'x   subject to  l <= A x <= u
+
+A convex program with linear bounds has a solution, is infeasible, or falls for ever along a ray (Frank & Wolfe 1956);
+each of the three is told only with its proof: multipliers, a Farkas vector, or the ray and a feasible point.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import linprog
+from scipy.sparse import csc_matrix, diags_array, hstack, issparse, vstack
+
+from maglev_ctrl.arrays import FloatArray, read_only, read_only_any
+from maglev_ctrl.errors import Status
+from maglev_ctrl.synthesis.predictive.kkt import (
+    NO_BOUND,
+    KktResidual,
+    kkt_residual,
+    largest_in_rows,
+    proves_infeasible,
+    proves_unbounded,
+)
+from maglev_ctrl.synthesis.predictive.refine import refine
+from maglev_ctrl.synthesis.predictive.solvers import Candidate, clarabel_candidate, osqp_candidate
+
+TIGHT = 1e-8
+"""Largest KKT residual of a solution called SOLVED; up to `LOOSE` it is ALMOST_SOLVED."""
+LOOSE = 1e-5
+NO_RESIDUAL = KktResidual(np.inf, np.inf, np.inf)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class QuadraticSolution:
+    """Point `x`, multipliers `y` (positive at upper bounds), `objective` and the evidence; NaN where there is none.
+
+    `certificate` proves INFEASIBLE (a Farkas vector, m) or UNBOUNDED (a ray, n), else it is empty.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    objective: float
+    residual: KktResidual
+    status: Status
+    message: str
+    solver: str
+    iterations: int
+    certificate: FloatArray
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class QuadraticData:
+    """Data of one program, checked: P, A sparse, bounds with infinities."""
+
+    P: Any
+    q: FloatArray
+    A: Any
+    lower: FloatArray
+    upper: FloatArray
+
+    @property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper bounds together."""
+        return self.lower, self.upper
+
+    def residual(self, x: FloatArray, y: FloatArray) -> KktResidual:
+        """KKT residual of a point and its multipliers."""
+        return kkt_residual(self.P, self.q, self.A, self.bounds, x=x, y=y)
+
+    def objective(self, x: FloatArray) -> float:
+        """The objective at x."""
+        return float(0.5 * x @ (self.P @ x) + self.q @ x)
+
+
+def quadratic_program(
+    P: Any, q: ArrayLike, A: Any, l: ArrayLike, u: ArrayLike, *, time_limit: float = 60.0
+) -> QuadraticSolution:
+    """Solve and verify one convex quadratic program; what cannot be verified is NOT_VERIFIED, never a number to use.
+
+    Parameters
+    ----------
+    P : (n, n) symmetric positive semidefinite, dense or sparse
+    A : (m, n) dense or sparse
+    l, u : (m,) bounds; None, nan-free infinities and magnitudes of 1e20 or more mean no bound
+    time_limit : s, for each solver
+
+    Raises
+    ------
+    ValueError : shapes do not fit, P is not symmetric or not positive semidefinite, or an entry is not finite
+
+    Examples
+    --------
+    >>> solution = quadratic_program([[4.0, 1.0], [1.0, 2.0]], [1.0, 1.0],
+    ...                              [[1.0, 1.0], [1.0, 0.0], [0.0, 1.0]], [1.0, 0.0, 0.0], [1.0, 0.7, 0.7])
+    >>> solution.status.name, round(solution.objective, 12), solution.x.round(12).tolist()
+    ('SOLVED', 1.88, [0.3, 0.7])
+    >>> quadratic_program([[0.0]], [-1.0], [[1.0]], [0.0], [None]).status.name
+    'UNBOUNDED'
+    """
+    data = quadratic_data(P, q, A, l, u)
+    crossed = np.flatnonzero(data.lower > data.upper)
+    if crossed.size:
+        row = int(crossed[0])
+        message = f"the bounds of row {row} cross: {data.lower[row]:g} > {data.upper[row]:g}"
+        return without_solution(data, Status.INFEASIBLE, message)
+    best, best_residual, iterations = None, NO_RESIDUAL, 0
+    for solver in (osqp_candidate, clarabel_candidate, _linear_candidate):
+        found = solver(data.P, data.q, data.A, data.bounds, time_limit=time_limit)
+        iterations += found.iterations
+        if found.x is None or found.y is None:
+            continue
+        x, y, residual = refined(data, found.x, found.y)
+        if best is None or residual.largest < best_residual.largest:
+            best, best_residual = Candidate(found.solver, x, y, found.iterations), residual
+        if best_residual.largest <= TIGHT:
+            break
+    if best is None or best_residual.largest > LOOSE:
+        proved = _proved_without_solution(data)
+        if proved is not None:
+            return proved
+    if best is None or best.x is None or best.y is None:
+        return without_solution(data, Status.NUMERICAL_ERROR, "no solver gave a point, and none proved why")
+    if best_residual.largest <= TIGHT:
+        status, message = Status.SOLVED, ""
+    elif best_residual.largest <= LOOSE:
+        status, message = Status.ALMOST_SOLVED, f"KKT residual {best_residual.largest:.1e}"
+    else:
+        status = Status.NOT_VERIFIED
+        message = f"the KKT residual of the solvers' best point is {best_residual.largest:.1e}, allowed {LOOSE:.0e}"
+    return QuadraticSolution(
+        x=read_only(best.x, name="x"), y=read_only(best.y, name="y"), objective=data.objective(best.x),
+        residual=best_residual, status=status, message=message, solver=best.solver, iterations=iterations,
+        certificate=read_only(np.zeros(0), name="certificate"),
+    )  # fmt: skip
+
+
+def quadratic_data(P: Any, q: ArrayLike, A: Any, l: ArrayLike, u: ArrayLike) -> QuadraticData:
+    """Data of one program with shapes, symmetry and convexity checked.
+
+    Parameters
+    ----------
+    P, q, A, l, u : as in `quadratic_program`
+
+    Raises
+    ------
+    ValueError : shapes do not fit, P is not symmetric or not positive semidefinite, or an entry is not finite
+    """
+    slope = read_only(q, name="q", shape=(None,))
+    n = slope.size
+    weight, rows = (_sparse(value, name, n) for name, value in (("P", P), ("A", A)))
+    if weight.shape[0] != n:
+        raise ValueError(f"P: expected shape ({n}, {n}), got {weight.shape}")
+    m = rows.shape[0]
+    size = float(np.max(np.abs(weight.data))) if weight.nnz else 0.0
+    skew = weight - weight.T
+    if skew.nnz and float(np.max(np.abs(skew.data))) > 1e-10 * size:
+        raise ValueError("P: expected a symmetric matrix; both halves must be given")
+    if n <= 1000 and weight.nnz:
+        smallest = float(np.linalg.eigvalsh(weight.toarray())[0])
+        if smallest < -1e-10 * n * size:
+            raise ValueError(
+                f"P: expected a positive semidefinite matrix (a convex problem), got the eigenvalue {smallest:.3g}"
+            )
+    lower, upper = _bound(l, "l", m, -np.inf), _bound(u, "u", m, np.inf)
+    return QuadraticData(P=csc_matrix(0.5 * (weight + weight.T)), q=slope, A=rows, lower=lower, upper=upper)
+
+
+def refined(data: QuadraticData, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, KktResidual]:
+    """The point, or a better one from the linear equations of its active bounds, with the residual.
+
+    Parameters
+    ----------
+    x, y : point and multipliers
+    """
+    residual = data.residual(x, y)
+    for _ in range(3):
+        if residual.largest <= 1e-14:
+            break
+        better = refine(data.P, data.q, data.A, data.bounds, x=x, y=y)
+        if better is None:
+            break
+        found = data.residual(*better)
+        if not found.largest < 0.5 * residual.largest:
+            break
+        (x, y), residual = better, found
+    return x, y, residual
+
+
+def without_solution(
+    data: QuadraticData, status: Status, message: str, *, certificate: FloatArray | None = None, solver: str = "none"
+) -> QuadraticSolution:
+    """A result without a point.
+
+    Parameters
+    ----------
+    status, message : why
+    certificate : what proves it
+    """
+    return QuadraticSolution(
+        x=read_only_any(np.full(data.q.size, np.nan)), y=read_only_any(np.full(data.lower.size, np.nan)),
+        objective={Status.INFEASIBLE: np.inf, Status.UNBOUNDED: -np.inf}.get(status, np.nan),
+        residual=NO_RESIDUAL, status=status, message=message, solver=solver, iterations=0,
+        certificate=read_only(np.zeros(0) if certificate is None else certificate, name="certificate"),
+    )  # fmt: skip
+
+
+def _linear_candidate(
+    P: Any, q: FloatArray, A: Any, bounds: tuple[FloatArray, FloatArray], *, time_limit: float
+) -> Candidate:
+    """A linear program (P = 0) by the simplex method, whose vertices are exact."""
+    if P.nnz and np.any(P.data):
+        return Candidate("HiGHS", None, None, 0)
+    lower, upper = bounds
+    sides, limits, pick = _one_sided(A, lower, upper)
+    found = linprog(q, A_ub=sides, b_ub=limits, bounds=(None, None), method="highs", options={"time_limit": time_limit})
+    if found.status != 0:
+        return Candidate("HiGHS", None, None, int(found.nit))
+    y = np.zeros(A.shape[0])
+    for (row, sign), push in zip(pick, -found.ineqlin.marginals, strict=True):
+        y[row] += sign * push
+    return Candidate("HiGHS", np.asarray(found.x, dtype=float), y, int(found.nit))
+
+
+def _proved_without_solution(data: QuadraticData) -> QuadraticSolution | None:
+    """INFEASIBLE or UNBOUNDED with its certificate; None where neither is proved."""
+    farkas = farkas_vector(data)
+    if farkas is not None:
+        names = np.flatnonzero(farkas)
+        message = f"rows {', '.join(map(str, names[:8]))}{' ...' if names.size > 8 else ''} exclude one another"
+        return without_solution(data, Status.INFEASIBLE, message, certificate=farkas, solver="Farkas certificate")
+    ray = _ray(data)
+    if ray is None:
+        return None
+    nowhere = np.zeros((data.q.size, data.q.size))
+    feasible = quadratic_program(nowhere + np.eye(data.q.size), np.zeros(data.q.size), data.A, *data.bounds)
+    if feasible.status not in (Status.SOLVED, Status.ALMOST_SOLVED):
+        return None
+    message = "the objective falls for ever along the certificate"
+    return without_solution(data, Status.UNBOUNDED, message, certificate=ray, solver="ray")
+
+
+def farkas_vector(data: QuadraticData) -> FloatArray | None:
+    """A vector that proves there is no feasible point, checked; None where there is none or it cannot be proved.
+
+    minimise u'y+ - l'y-  subject to  A'(y+ - y-) = 0,  0 <= y <= 1.
+    """
+    m, n = data.A.shape
+    if not m:
+        return None
+    rows = largest_in_rows(data.A)
+    scaled = diags_array(1.0 / rows) @ data.A
+    lower, upper = data.lower / rows, data.upper / rows
+    finite = np.concatenate([np.abs(lower[lower > -NO_BOUND]), np.abs(upper[upper < NO_BOUND])])
+    size = float(np.max(finite)) if finite.size and np.any(finite) else 1.0
+    above, below = upper < NO_BOUND, lower > -NO_BOUND
+    cost = np.concatenate([np.where(above, upper, 0.0), np.where(below, -lower, 0.0)]) / size
+    caps = [(0.0, 1.0 if free else 0.0) for free in np.concatenate([above, below])]
+    equal = csc_matrix(hstack([scaled.T, -scaled.T]))
+    found = linprog(cost, A_eq=equal, b_eq=np.zeros(n), bounds=caps, method="highs")
+    if found.status != 0 or found.x is None:
+        return None
+    y = np.asarray(found.x[:m] - found.x[m:], dtype=float)
+    support = np.flatnonzero(np.abs(y) > 1e-9)
+    if not support.size:
+        return None
+    dense = scaled[support].toarray()
+    cleaned = np.zeros(m)
+    cleaned[support] = y[support] - np.linalg.lstsq(dense.T, dense.T @ y[support], rcond=None)[0]
+    for vector in (cleaned / rows, np.where(np.abs(y) > 1e-9, y, 0.0) / rows):
+        if proves_infeasible(data.A, data.lower, data.upper, vector):
+            return vector
+    return None
+
+
+def _ray(data: QuadraticData) -> FloatArray | None:
+    n = data.q.size
+    rows = largest_in_rows(data.A)
+    scaled = csc_matrix(diags_array(1.0 / rows) @ data.A) if data.A.shape[0] else data.A
+    above, below = data.upper < NO_BOUND, data.lower > -NO_BOUND
+    sides = csc_matrix(vstack([scaled[above], -scaled[below]])) if data.A.shape[0] else None
+    flat = csc_matrix(diags_array(1.0 / largest_in_rows(data.P)) @ data.P)
+    found = linprog(
+        data.q / (float(np.max(np.abs(data.q))) or 1.0),
+        A_ub=sides, b_ub=None if sides is None else np.zeros(sides.shape[0]),
+        A_eq=flat, b_eq=np.zeros(n), bounds=(-1.0, 1.0), method="highs",
+    )  # fmt: skip
+    if found.status != 0 or found.x is None:
+        return None
+    d = np.where(np.abs(found.x) > 1e-9, found.x, 0.0)
+    return d if proves_unbounded(data.P, data.q, data.A, data.bounds, d) else None
+
+
+def _one_sided(A: Any, lower: FloatArray, upper: FloatArray) -> tuple[Any, FloatArray, list[tuple[int, float]]]:
+    above, below = np.flatnonzero(upper < NO_BOUND), np.flatnonzero(lower > -NO_BOUND)
+    sides = csc_matrix(vstack([A[above], -A[below]]))
+    pick = [(int(i), 1.0) for i in above] + [(int(i), -1.0) for i in below]
+    return sides, np.concatenate([upper[above], -lower[below]]), pick
+
+
+def _sparse(value: Any, name: str, columns: int) -> Any:
+    if issparse(value):
+        matrix = csc_matrix(value, dtype=float)
+    else:
+        dense = np.asarray(value, dtype=float)
+        matrix = csc_matrix(dense.reshape(0, columns) if not dense.size else dense)
+    if matrix.shape[1] != columns:
+        raise ValueError(f"{name}: expected {columns} columns, got shape {matrix.shape}")
+    if not np.all(np.isfinite(matrix.data)):
+        raise ValueError(f"{name}: every entry must be finite")
+    matrix.eliminate_zeros()
+    return matrix
+
+
+def _bound(value: ArrayLike, name: str, count: int, none: float) -> FloatArray:
+    listed: Any = value
+    given = np.array([none if one is None else one for one in listed], dtype=float)
+    if given.shape != (count,):
+        raise ValueError(f"{name}: expected shape ({count},), got {given.shape}")
+    if np.any(np.isnan(given)) or np.any(given == -none):
+        raise ValueError(f"{name}: expected numbers or {none:g}, got {given}")
+    given[np.abs(given) >= NO_BOUND] = none
+    given.flags.writeable = False
+    return given
