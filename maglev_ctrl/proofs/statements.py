@@ -1,0 +1,79 @@
+"""Claims as sentences a person reads."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from maglev_ctrl.proofs.claims import (
+    Claim,
+    DecayClaim,
+    EllipsoidClaim,
+    EnergyClaim,
+    GainClaim,
+    ParameterClaim,
+    RegionClaim,
+    SegmentClaim,
+)
+from maglev_ctrl.systems.plant import Plant
+
+
+def between(claim: Claim) -> str:
+    """Words for the loops between the given ones that one common matrix covers.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> between(DecayClaim((0, 1), (0, 0), 0.0, np.ones((1, 1, 1))))
+    'every loop between them, however fast it varies'
+    """
+    if isinstance(claim, RegionClaim | EnergyClaim):
+        return "every constant loop between them"
+    return "every loop between them, however fast it varies"
+
+
+def statement(claim: Claim, plants: Sequence[Plant], covered: str) -> str:
+    """A claim in a sentence; `covered` names the loops between that it speaks of too.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> plant = Plant.from_matrices([[1.0]], [[1.0]], [[1.0]], [[1.0]])
+    >>> statement(DecayClaim((0, 0), (0, 1), 0.5, np.ones((1, 1, 1))), [plant, plant], "")
+    'every pole of each of the 2 closed loops decays at 0.5 1/s or faster'
+    """
+    count = len(claim.plants)
+    loops = "the closed loop" if count == 1 else f"each of the {count} closed loops"
+    subject = f"{loops}, and of {covered}," if covered else loops
+    match claim:
+        case DecayClaim(rate=rate):
+            told = "is stable" if rate == 0.0 else f"decays at {rate:.10g} 1/s or faster"
+            return f"every pole of {subject} {told}"
+        case RegionClaim(region=region, L=L, M=matrix):
+            where = f"L + s M + conj(s) M' < 0, L = {L.tolist()}, M = {matrix.tolist()}"
+            return f"every pole of {subject} lies in the region {region} ({where})"
+        case GainClaim(gamma=gamma):
+            return f"the peak gain of {subject} from {_channel(claim, plants)} is below {gamma:.10g}"
+        case EnergyClaim(level=level):
+            return f"the H2 norm of {subject} from {_channel(claim, plants)} is below {level:.10g}"
+        case EllipsoidClaim(limits=limits):
+            named = ", ".join(
+                f"|{name}| < {limit:.10g}" for name, limit in zip(plants[0].commands, limits, strict=False)
+            )
+            return f"the ellipsoid x'P x <= 1 of {subject} is never left without disturbance, and in it {named}"
+        case ParameterClaim(rate=rate):
+            told = "is stable" if rate == 0.0 else f"decays at {rate:.10g} 1/s or faster"
+            return f"every pole of {loops}, and of every constant loop between them, {told}"
+        case SegmentClaim(width=width, speed_limit=speed):
+            return (
+                f"the loop is stable everywhere between the 2 closed loops while the parameter, {width:.10g} wide, "
+                f"moves at {speed:.10g} per second or slower"
+            )
+
+
+def _channel(claim: GainClaim | EnergyClaim, plants: Sequence[Plant]) -> str:
+    start, end = claim.disturbances or plants[0].disturbances, claim.performance or plants[0].performance
+    return f"{_names(start, 'disturbances')} to {_names(end, 'outputs')}"
+
+
+def _names(names: Sequence[str], word: str) -> str:
+    return ", ".join(names) if 0 < len(names) <= 4 else f"{len(names)} {word}"
