@@ -180,6 +180,11 @@ class AbstractForceModel(ABC):
     def domain(self) -> Domain:
         """Where the model is defined; outside it nothing is extrapolated."""
 
+    @property
+    def hangs(self) -> bool:
+        """Whether the magnet hangs under its guideway: its height is the gap below the rail, less where it rises."""
+        return False
+
     @abstractmethod
     def forces(self, height: ArrayLike, gap: ArrayLike | None, speed: ArrayLike) -> MagnetForces:
         """Lift, guidance and drag.

@@ -10,6 +10,7 @@ import numpy as np
 from maglev_ctrl.arrays import FloatArray, read_only, transpose
 from maglev_ctrl.errors import ModelError
 from maglev_ctrl.systems import Contribution, SecondOrderSystem
+from maglev_ctrl.vehicle.circuits import wired_magnets
 from maglev_ctrl.vehicle.kinematics import Stance, stance
 from maglev_ctrl.vehicle.loads import MagnetField, magnet_field
 from maglev_ctrl.vehicle.operating import Equilibrium, OperatingPoint
@@ -32,7 +33,8 @@ def linearize(vehicle: Vehicle, at: Equilibrium | OperatingPoint, *, pade_order:
     Every element adds its contribution: K = -J^T S J and C = -J^T D J of each magnet, and the geometric stiffness of
     all static point forces under the name "geometry". Outputs are the sensors, every coordinate with its velocity and
     acceleration, "<magnet>.gap", and "<link>.stroke", "<link>.stroke.velocity", "<link>.force" of connections and
-    actuators (no force output for an actuator without bandwidth: its force is its command).
+    actuators (no force output for an actuator without bandwidth: its force is its command). An electromagnet brings
+    its input, and its current as a state and output where it is driven by voltage (`circuits`).
 
     Parameters
     ----------
@@ -63,6 +65,7 @@ def linearize(vehicle: Vehicle, at: Equilibrium | OperatingPoint, *, pade_order:
     M, C, K = (np.sum(stack, axis=0) for stack in (shares.M, shares.C, shares.K))
     _check_mass(M)
     K_w, C_w = _guideway_matrices(fields, measured, base)
+    wired = wired_magnets(vehicle, state, fields, base)
     free = ~(np.any(K, axis=0) | base.read)
     ignorable = tuple(name for name, ignored in zip(vehicle.dofs, free, strict=True) if ignored)
     outputs = base.outputs.without(ignorable)
@@ -70,16 +73,16 @@ def linearize(vehicle: Vehicle, at: Equilibrium | OperatingPoint, *, pade_order:
         M, C, K,
         dofs=vehicle.dofs,
         internal=base.internal,
-        A_internal=base.A_internal,
-        G_v=base.G_v,
-        F=np.sum(base.F, axis=0),
+        A_internal=wired.A_internal,
+        G_v=wired.G_v,
+        F=np.sum(wired.F, axis=0),
         inputs=base.inputs,
-        B=base.B,
-        B_internal=base.B_internal,
+        B=wired.B,
+        B_internal=wired.B_internal,
         guideway=base.guideway,
         K_w=K_w,
         C_w=C_w,
-        G_wv=base.G_wv,
+        G_wv=wired.G_wv,
         outputs=outputs.names,
         H_q=outputs.H_q,
         H_v=outputs.H_v,
@@ -87,7 +90,7 @@ def linearize(vehicle: Vehicle, at: Equilibrium | OperatingPoint, *, pade_order:
         H_internal=outputs.H_internal,
         H_w=outputs.H_w,
         H_wv=outputs.H_wv,
-        contributions=_contributions(base, shares),
+        contributions=_contributions(base, shares, wired.F),
         ignorable=ignorable,
     )  # fmt: skip
 
@@ -234,10 +237,10 @@ def _check_mass(M: FloatArray) -> None:
         )
 
 
-def _contributions(base: Skeleton, shares: _Shares) -> tuple[Contribution, ...]:
+def _contributions(base: Skeleton, shares: _Shares, F: FloatArray) -> tuple[Contribution, ...]:
     # One check of each stack is a check of every share; what is cut out of a read-only stack is read-only.
     M, C, K = (read_only(getattr(shares, key), name=key) for key in ("M", "C", "K"))
     return tuple(
-        Contribution(name, kind, M=M[i], C=C[i], K=K[i], F=base.F[i])
+        Contribution(name, kind, M=M[i], C=C[i], K=K[i], F=F[i])
         for i, (name, kind) in enumerate(zip(base.names, base.kinds, strict=True))
     )

@@ -25,7 +25,7 @@ DOF_NAMES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 """The six freedoms of a rigid body, in the order of the axes."""
 
 Vector = tuple[float, float, float]
-SensorKind = Literal["gap", "stroke", "velocity", "acceleration"]
+SensorKind = Literal["gap", "stroke", "velocity", "acceleration", "current"]
 
 UP: Vector = (0.0, 0.0, 1.0)
 ORIGIN: Vector = (0.0, 0.0, 0.0)
@@ -87,6 +87,9 @@ class Body:
 @dataclass(frozen=True, eq=False, slots=True)
 class Magnet:
     """A magnet on a body: force (-drag, -side guidance, lift) at a point.
+
+    An `Electromagnet` hangs under its rail: its height is the gap to the rail, which closes as the body rises. Its
+    command is the input "<name>.voltage" (V), with the internal state "<name>.current" (A), or "<name>.current".
 
     Parameters
     ----------
@@ -207,13 +210,14 @@ class Actuator:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Sensor:
-    """A measurement along `direction` at a point of a body.
+    """A measurement along `direction` at a point of a body, or of the current in a magnet.
 
     Parameters
     ----------
     kind : "gap" (displacement relative to the guideway), "stroke" (relative to the body `to`), "velocity" or
-        "acceleration" (both absolute)
+        "acceleration" (both absolute), or "current" (of the electromagnet `magnet`, driven by voltage)
     to : GUIDEWAY for a gap, a body for a stroke, left out otherwise
+    magnet : whose current; left out otherwise
     noise : density per sqrt(Hz), in the unit of what is measured
     angular : measures rotation about `direction`
     """
@@ -227,9 +231,13 @@ class Sensor:
     direction: Vector = UP
     noise: float = 0.0
     angular: bool = False
+    magnet: str | None = None
 
     def __post_init__(self) -> None:
         _check_name(self.name)
+        if (self.kind == "current") != (self.magnet is not None):
+            expected = "the name of a magnet" if self.magnet is None else "a magnet with kind 'current' only"
+            raise ValueError(f"sensor {self.name}: magnet: expected {expected}, got {self.magnet!r}")
         match self.kind:
             case "gap":
                 expected, valid = "the guideway", self.to in (None, GUIDEWAY)
@@ -238,9 +246,12 @@ class Sensor:
                 expected, valid = "another body", self.to not in (None, self.body)
             case "velocity" | "acceleration":
                 expected, valid = "nothing (it is absolute)", self.to is None
+            case "current":
+                expected, valid = "nothing (it is that of a magnet)", self.to is None
             case _:
                 raise ValueError(
-                    f"sensor {self.name}: kind: expected gap, stroke, velocity or acceleration, got {self.kind!r}"
+                    f"sensor {self.name}: kind: expected gap, stroke, velocity, acceleration or current, got "
+                    f"{self.kind!r}"
                 )
         if not valid:
             raise ValueError(f"sensor {self.name}: to: a {self.kind} sensor measures to {expected}, got {self.to!r}")

@@ -51,7 +51,13 @@ class MagnetField:
 
 
 def magnet_field(
-    vehicle: Vehicle, posture: Posture, here: Stance, *, rates: FloatArray | None = None, partials: bool = True
+    vehicle: Vehicle,
+    posture: Posture,
+    here: Stance,
+    *,
+    rates: FloatArray | None = None,
+    partials: bool = True,
+    trimmed: bool = True,
 ) -> MagnetField:
     """Every magnet's force and partials at a posture.
 
@@ -60,6 +66,7 @@ def magnet_field(
     here : the vehicle's stance
     rates : (n,) coordinate velocities; they change the speed over the guideway
     partials : whether to find the partials too (zero otherwise)
+    trimmed : whether the posture's strength is that of the currents; before it is known no iron saturates
 
     Raises
     ------
@@ -68,7 +75,9 @@ def magnet_field(
     known = structure(vehicle)
     m, side = len(known.count), known.side
     jacobian = here.jacobian[known.magnets]
-    heights = posture.height + here.magnet_shift[:, 2]
+    heights = posture.height + known.upward * here.magnet_shift[:, 2]
+    if trimmed:
+        require_unsaturated(vehicle, posture, heights)
     gaps = np.full(m, np.nan)
     if posture.gap is not None:
         gaps = posture.gap - side * (posture.offset + here.magnet_shift[:, 1])
@@ -79,7 +88,7 @@ def magnet_field(
     signs = _signs(known, posture)
     vectors = signs[:, :, None] * slopes[:, ::-1]
     by_position, by_velocity = _by_position(known, vectors), np.zeros((m, 3, 3))
-    by_velocity[:, :, 0], by_velocity[:, :, 2] = vectors[:, :, 2], vectors[:, :, 3]
+    by_velocity[:, :, 0], by_velocity[:, :, 2] = vectors[:, :, 2], known.upward[:, None] * vectors[:, :, 3]
     by_velocity[:, :, 1] = -side[:, None] * vectors[:, :, 4]
     drag_direction = np.zeros(m)
     if vehicle.drag_direction:
@@ -110,17 +119,19 @@ def position_slopes(
     Parameters
     ----------
     here : the vehicle's stance
-    rise, narrowing : (q,) m; how far the surface stands up, and each wall towards its magnets
+    rise, narrowing : (q,) m; how far the surface (the rail over hanging magnets) stands up, and each wall towards its
+        magnets
 
     Raises
     ------
     OutOfDomain : a magnet outside its force model's data
     """
     known = structure(vehicle)
-    heights = posture.height + here.magnet_shift[:, 2]
+    heights = posture.height + known.upward * here.magnet_shift[:, 2]
     gaps = np.full(len(heights), np.nan)
     if posture.gap is not None:
         gaps = posture.gap - known.side * (posture.offset + here.magnet_shift[:, 1])
+    require_unsaturated(vehicle, posture, heights - known.upward * rise[:, None])
     slopes = np.zeros((len(rise), len(heights), 3, 2))
     for group in known.groups:
         members = group.members
@@ -128,7 +139,8 @@ def position_slopes(
         (height, gap), back = np.unique(places, axis=1, return_inverse=True)
         bare = group.blind or bool(np.isnan(gaps[members]).any())
         beside = None if bare else gap - narrowing[:, None]
-        found = group.force.derivatives(height - rise[:, None], beside, np.asarray(posture.speed))
+        over = -1.0 if group.force.hangs else 1.0
+        found = group.force.derivatives(height - over * rise[:, None], beside, np.asarray(posture.speed))
         rows = [[part.lift, part.guidance, part.drag] for part in (found.by_height, found.by_gap)]
         slopes[:, members] = np.moveaxis(np.array(rows), (0, 1), (-1, -2))[:, np.ravel(back)]
     return _by_position(known, _signs(known, posture)[:, :, None] * slopes[..., ::-1, :])
@@ -143,8 +155,24 @@ def _signs(known: Structure, posture: Posture) -> FloatArray:
 def _by_position(known: Structure, vectors: FloatArray) -> FloatArray:
     """S (..., m, 3, 3) from the partials (..., m, 3, 2 or more) of force vectors by height and gap."""
     found = np.zeros((*vectors.shape[:-1], 3))
-    found[..., 1], found[..., 2] = -known.side[:, None] * vectors[..., 1], vectors[..., 0]
+    found[..., 1] = -known.side[:, None] * vectors[..., 1]
+    found[..., 2] = known.upward[:, None] * vectors[..., 0]
     return found
+
+
+def require_unsaturated(vehicle: Vehicle, posture: Posture, heights: FloatArray) -> None:
+    """Refuse electromagnets whose iron saturates at a posture's strength.
+
+    Parameters
+    ----------
+    heights : (..., m) m, of the magnets
+
+    Raises
+    ------
+    OutOfDomain : a flux density above a magnet's limit
+    """
+    for force, members in structure(vehicle).limited:
+        force.require_unsaturated(heights[..., members], strength=posture.strength)
 
 
 def _evaluate(

@@ -8,6 +8,7 @@ from typing import assert_never
 import numpy as np
 
 from maglev_ctrl.arrays import FloatArray
+from maglev_ctrl.vehicle.circuits import circuit_state
 from maglev_ctrl.vehicle.elements import Actuator, Sensor, SpringDamper
 from maglev_ctrl.vehicle.shares import guideway_inputs
 from maglev_ctrl.vehicle.vehicle import Vehicle
@@ -46,19 +47,28 @@ def _sensor_row(sensor: Sensor, row: FloatArray) -> OutputRow:
             output.H_v = row
         case "acceleration":
             output.H_a = row
+        case "current":
+            output.internal = {f"{sensor.magnet}.current": 1.0}
         case _:
             assert_never(sensor.kind)
     return output
 
 
 def magnet_rows(vehicle: Vehicle, motion: FloatArray) -> list[OutputRow]:
-    """Height change of every magnet over the guideway, "<magnet>.gap", from the magnets' motion (m, 3, n)."""
+    """Height change of every magnet over (or under) the guideway, "<magnet>.gap", from their motion (m, 3, n).
+
+    An electromagnet driven by voltage also has "<magnet>.current".
+    """
     rows = []
     for i, magnet in enumerate(vehicle.magnets):
-        output = OutputRow(f"{magnet.name}.gap", len(vehicle.dofs))
-        output.H_q = motion[i, 2]
-        output.guideway = {f"heave@{magnet.name}": -1.0}
+        output, upward = OutputRow(f"{magnet.name}.gap", len(vehicle.dofs)), -1.0 if magnet.force.hangs else 1.0
+        output.H_q = upward * motion[i, 2]
+        output.guideway = {f"heave@{magnet.name}": -upward}
         rows.append(output)
+        for state in circuit_state(magnet):
+            current = OutputRow(state, len(vehicle.dofs))
+            current.internal = {state: 1.0}
+            rows.append(current)
     return rows
 
 

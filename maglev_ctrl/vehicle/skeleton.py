@@ -1,7 +1,7 @@
 """What the linear model keeps at every operating point: bodies, connections, actuators, names and outputs.
 
-Magnets, measured coefficients, air drag and turning forces are left blank in it; `assembly` fills them in. In the
-reference posture, where a study meets most of its operating points, it is remembered per vehicle.
+Magnets and their circuits, measured coefficients, air drag and turning forces are left blank in it; `assembly` fills
+them in. In the reference posture, where a study meets most of its operating points, it is remembered per vehicle.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from maglev_ctrl.arrays import FloatArray, read_only_any
 from maglev_ctrl.systems.second_order import ContributionKind
+from maglev_ctrl.vehicle.circuits import magnet_share
 from maglev_ctrl.vehicle.kinematics import Stance, level_stance
 from maglev_ctrl.vehicle.outputs import OutputRow, coordinate_rows, link_rows, magnet_rows, sensor_rows
 from maglev_ctrl.vehicle.shares import Share, actuator_share, body_shares, guideway_inputs, spring_damper_share
@@ -101,7 +102,7 @@ def _built(vehicle: Vehicle, here: Stance, pade_order: int, felt: tuple[str, ...
     draggers = [i for i, air in enumerate(vehicle.aerodynamics) if air.drag_factor > 0.0]
     groups: list[list[Share]] = [
         body_shares(vehicle, here),
-        [Share(magnet.name, "magnet", n) for magnet in vehicle.magnets],
+        [magnet_share(magnet, n) for magnet in vehicle.magnets],
         [Share(element.name, "magnet", n) for element in vehicle.coefficient_elements],
         [spring_damper_share(e, row) for e, row in zip(vehicle.connections, here.stroke, strict=False)],
         [

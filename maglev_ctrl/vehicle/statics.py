@@ -12,7 +12,14 @@ from maglev_ctrl.arrays import FloatArray, read_only, read_only_any
 from maglev_ctrl.errors import ModelError, OutOfDomain
 from maglev_ctrl.forces.base import MagnetForces
 from maglev_ctrl.vehicle.kinematics import stance, stroke_between
-from maglev_ctrl.vehicle.loads import MagnetField, longitudinal_thrust, magnet_field, net_force, other_forces
+from maglev_ctrl.vehicle.loads import (
+    MagnetField,
+    longitudinal_thrust,
+    magnet_field,
+    net_force,
+    other_forces,
+    require_unsaturated,
+)
 from maglev_ctrl.vehicle.operating import Equilibrium, Hold, OperatingPoint, Posture
 from maglev_ctrl.vehicle.structure import structure
 from maglev_ctrl.vehicle.tangent import tangent_stiffness
@@ -74,10 +81,12 @@ def equilibrium(
     if hold == "strength":
         solved = _solve(vehicle, at, level)
         return _record(vehicle, at, hold, solved, _static_field(vehicle, solved))
-    field = _static_field(vehicle, level)
-    if hold == "height" and vehicle.magnets:
+    trimming = hold == "height" and bool(vehicle.magnets)
+    field = _static_field(vehicle, level, trimmed=not trimming)
+    if trimming:
         strength = _trim(vehicle, level, field)
         level, field = replace(level, strength=strength), field.scaled(strength)
+        require_unsaturated(vehicle, level, field.heights)
     thrusting = replace(level, thrust=longitudinal_thrust(vehicle, level, field.drag))
     return _record(vehicle, at, hold, _with_support(vehicle, thrusting, field), field)
 
@@ -93,8 +102,8 @@ def _dead_loads(vehicle: Vehicle, loads: Mapping[str, float]) -> FloatArray:
     return found
 
 
-def _static_field(vehicle: Vehicle, posture: Posture) -> MagnetField:
-    return magnet_field(vehicle, posture, stance(vehicle, posture.displacement), partials=False)
+def _static_field(vehicle: Vehicle, posture: Posture, *, trimmed: bool = True) -> MagnetField:
+    return magnet_field(vehicle, posture, stance(vehicle, posture.displacement), partials=False, trimmed=trimmed)
 
 
 def _trim(vehicle: Vehicle, level: Posture, field: MagnetField) -> float:
@@ -167,7 +176,8 @@ def _solve(vehicle: Vehicle, at: OperatingPoint, level: Posture) -> Posture:
     held = ("surge", "sway") if at.lateral_offset != 0.0 else ("surge",)
     free = [i for i, name in enumerate(vehicle.dofs) if name.rsplit(".", 1)[1] not in held]
     start = np.zeros(len(vehicle.dofs))
-    start[[i for i, name in enumerate(vehicle.dofs) if name.endswith(".heave")]] = at.height - level.height
+    higher = at.height - level.height
+    start[[i for i, name in enumerate(vehicle.dofs) if name.endswith(".heave")]] = -higher if vehicle.hangs else higher
     posture, scale = _at(vehicle, level, start), structure(vehicle).force_scale[free]
     force = net_force(vehicle, posture)[free]
     for _ in range(MAXIMUM_STEPS):

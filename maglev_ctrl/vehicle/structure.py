@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from maglev_ctrl.arrays import FloatArray, read_only_any
 from maglev_ctrl.forces.base import AbstractForceModel
+from maglev_ctrl.forces.electromagnet import Electromagnet
 from maglev_ctrl.vehicle.elements import DOF_NAMES, GUIDEWAY, Actuator, Body, Sensor, SpringDamper, Vector
 from maglev_ctrl.vehicle.vehicle import Vehicle
 
@@ -25,7 +26,10 @@ KEPT = 32
 
 @dataclass(frozen=True, eq=False, slots=True)
 class MagnetGroup:
-    """Magnets that share a force model; `blind` when the model knows no gap and none of them faces a wall."""
+    """Magnets that share a force model; `blind` when the model knows no gap and none of them faces a wall.
+
+    An electromagnet stands here without its flux limit: that holds at the strength of a posture (`Structure.limited`).
+    """
 
     force: AbstractForceModel
     members: NDArray[np.int64]
@@ -67,6 +71,10 @@ class Structure:
     carriers: tuple[str, ...]
     count: FloatArray
     side: FloatArray
+    upward: FloatArray
+    """What a magnet's height gains where it rises: 1 over the guideway, -1 under a rail, (m,)."""
+    limited: tuple[tuple[Electromagnet, NDArray[np.int64]], ...]
+    """Electromagnets whose iron saturates, with their members."""
     push_body: tuple[str, ...]
     drag_factor: FloatArray
     links: tuple[SpringDamper | Actuator, ...]
@@ -131,6 +139,8 @@ def structure(vehicle: Vehicle) -> Structure:
         carriers=tuple(magnet.body for magnet in vehicle.magnets),
         count=read_only_any(np.array([magnet.count for magnet in vehicle.magnets], dtype=np.float64)),
         side=read_only_any(np.array([magnet.side for magnet in vehicle.magnets], dtype=np.float64)),
+        upward=read_only_any(np.array([-1.0 if magnet.force.hangs else 1.0 for magnet in vehicle.magnets])),
+        limited=_limited(vehicle),
         push_body=tuple(name for name, _ in pushes),
         drag_factor=read_only_any([*(air.drag_factor for air in vehicle.aerodynamics), *(0.0 for _ in index)]),
         links=vehicle.links,
@@ -173,9 +183,21 @@ def _groups(vehicle: Vehicle) -> tuple[MagnetGroup, ...]:
         blind = magnet.side == 0 and magnet.force.domain.gap is None
         found.setdefault((id(magnet.force), blind), (magnet.force, []))[1].append(i)
     return tuple(
-        MagnetGroup(force, read_only_any(np.array(members, dtype=np.int64)), blind)
+        MagnetGroup(
+            force.unlimited() if isinstance(force, Electromagnet) else force,
+            read_only_any(np.array(members, dtype=np.int64)),
+            blind,
+        )
         for (_, blind), (force, members) in found.items()
     )
+
+
+def _limited(vehicle: Vehicle) -> tuple[tuple[Electromagnet, NDArray[np.int64]], ...]:
+    found: dict[int, tuple[Electromagnet, list[int]]] = {}
+    for i, magnet in enumerate(vehicle.magnets):
+        if isinstance(magnet.force, Electromagnet) and magnet.force.flux_limit is not None:
+            found.setdefault(id(magnet.force), (magnet.force, []))[1].append(i)
+    return tuple((force, read_only_any(np.array(members, dtype=np.int64))) for force, members in found.values())
 
 
 def _direct_damping(link: SpringDamper | Actuator) -> float:

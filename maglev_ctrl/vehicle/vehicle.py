@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from maglev_ctrl.forces.electromagnet import Electromagnet
 from maglev_ctrl.vehicle.elements import (
     GUIDEWAY,
     Actuator,
@@ -79,7 +80,15 @@ class Vehicle:
         walls = [magnet.name for magnet in self.magnets if magnet.side != 0]
         if walls and self.reference_gap is None:
             raise ValueError(f"reference_gap: expected a gap because {walls[0]} has a guidance wall, got None")
+        hanging = [magnet.name for magnet in self.magnets if magnet.force.hangs]
+        if hanging and len(hanging) < len(self.magnets):
+            other = next(magnet.name for magnet in self.magnets if not magnet.force.hangs)
+            raise ValueError(
+                f"magnets: expected all under a rail or all over a guideway, got {hanging[0]} that hangs and {other} "
+                "that does not"
+            )
         self._check_names()
+        self._check_currents()
 
     def _check_names(self) -> None:
         names = [element.name for element in (*self.bodies, *self.elements)]
@@ -96,6 +105,23 @@ class Vehicle:
         for element, body in attached:
             if body is not None and body != GUIDEWAY:
                 self._check_body(element, body)
+
+    def _check_currents(self) -> None:
+        """A current is measured in a winding whose current is not the command itself."""
+        carry = [
+            magnet.name
+            for magnet in self.magnets
+            if isinstance(magnet.force, Electromagnet) and magnet.force.drive == "voltage"
+        ]
+        for sensor in self.sensors:
+            if sensor.kind == "current" and sensor.magnet not in carry:
+                near = get_close_matches(str(sensor.magnet), carry, n=1)
+                listed = f"they are {', '.join(carry)}" if carry else "there is none"
+                advice = f"did you mean {near[0]!r}?" if near else listed
+                raise ValueError(
+                    f"sensor {sensor.name}: magnet: expected an electromagnet driven by voltage, got "
+                    f"{sensor.magnet!r}; {advice}"
+                )
 
     def _check_body(self, element: str, body: str) -> None:
         known = [b.name for b in self.bodies]
@@ -121,6 +147,11 @@ class Vehicle:
     def dofs(self) -> tuple[str, ...]:
         """Coordinates, such as "car.heave", body by body."""
         return tuple(f"{body.name}.{dof}" for body in self.bodies for dof in body.dofs)
+
+    @property
+    def hangs(self) -> bool:
+        """Whether the magnets hang under a rail, so that their heights shrink where the vehicle rises."""
+        return any(magnet.force.hangs for magnet in self.magnets)
 
     @property
     def mass(self) -> float:

@@ -47,7 +47,7 @@ def test_body_takes_principal_moments_or_a_matrix() -> None:
         (lambda: Sensor("s", "stroke", body="car"), "measures to another body, got None"),
         (lambda: Sensor("s", "velocity", body="car", to="bogie"), "measures to nothing"),
         (lambda: Sensor("s", "gap", body="car", to="bogie"), "measures to the guideway"),
-        (lambda: Sensor("s", "speed", body="car"), "expected gap, stroke, velocity or acceleration"),
+        (lambda: Sensor("s", "speed", body="car"), "expected gap, stroke, velocity, acceleration or current"),
         (lambda: Aerodynamics("car", -1.0), "not negative"),
         (lambda: MagnetRow(COIL, 3, length=1.0), "expected an even number"),
         (lambda: double_l_geometry(0.12), "between 0 and 0.1016 m"),
