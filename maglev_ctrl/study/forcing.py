@@ -93,7 +93,8 @@ def _closed(
 ) -> tuple[Vehicle, Equilibrium, SecondOrderSystem]:
     held, balanced = model.balance_of(vehicle, situation)
     plant = linearize(held, balanced, pade_order=PADE_ORDER)
-    return held, balanced, plant if controller is None else close_loop(plant, controller)
+    law = model.law_at(situation, controller)
+    return held, balanced, plant if law is None else close_loop(plant, law)
 
 
 def delays_are_short(model: OptionModel, vehicle: Vehicle, controller: Controller | None) -> bool:

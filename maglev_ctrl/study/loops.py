@@ -44,13 +44,15 @@ def option_loops(model: OptionModel, situation: Situation, controller: Controlle
     OutOfDomain : the forces are not known there
     """
     vehicle = model.vehicle(situation.payload)
+    controller = model.law_at(situation, controller)
     if controller is not None:
         held, balanced = model.balance_of(vehicle, situation)
         delays = {actuator.name: actuator.delay for actuator in held.actuators}
         return OptionLoops(
             plant=linearize(held, balanced, pade_order=0),
             law=controller,
-            delays=np.array([delays[name] for name in controller.commands]),
+            # An electromagnet's winding is no actuator of the option: it answers at once.
+            delays=np.array([delays.get(name, 0.0) for name in controller.commands]),
         )
     own = own_connections(model, vehicle)
     if not own:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 from maglev_ctrl.scenario import OptionRecord, Scenario, build_option, build_vehicle
 from maglev_ctrl.systems import Controller, SecondOrderSystem, close_loop
+from maglev_ctrl.systems.scheduled import ScheduledController
 from maglev_ctrl.vehicle import Equilibrium, OperatingPoint, Vehicle, equilibrium, linearize
 
 PADE_ORDER = 2
@@ -41,10 +42,27 @@ class Situation:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class OptionModel:
-    """A scenario's vehicle with one option's elements (None: the bare vehicle), ready to be put into any situation."""
+    """A scenario's vehicle with one option's elements (None: the bare vehicle), ready to be put into any situation.
+
+    With `schedule` the option's law follows an operating parameter.
+    """
 
     scenario: Scenario
     option: OptionRecord | None
+    schedule: ScheduledController | None = None
+
+    def law_at(self, situation: Situation, controller: Controller | None) -> Controller | None:
+        """The control law in a situation: the schedule's where there is one, else the one given.
+
+        Raises
+        ------
+        OutOfDomain : the situation is outside the schedule
+        """
+        if controller is None or self.schedule is None:
+            return controller
+        value = getattr(situation, self.schedule.parameter)
+        design = self.scenario.vehicle.car.payload if self.schedule.parameter == "payload" else None
+        return self.schedule.at(design if value is None else value)
 
     def vehicle(self, payload: float | None = None) -> Vehicle:
         """The vehicle with the option's elements, at a payload (kg; None = the scenario's)."""
@@ -97,4 +115,5 @@ class OptionModel:
         """
         held, balanced = self.balance_of(vehicle, situation)
         plant = linearize(held, balanced, pade_order=pade_order)
-        return plant if controller is None else close_loop(plant, controller)
+        law = self.law_at(situation, controller)
+        return plant if law is None else close_loop(plant, law)

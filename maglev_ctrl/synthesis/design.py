@@ -13,9 +13,11 @@ from scipy.optimize import linear_sum_assignment
 from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only_any
 from maglev_ctrl.errors import Agreement, ModelError, NotStable, Status
 from maglev_ctrl.synthesis.extended import Extended
+from maglev_ctrl.synthesis.result import Synthesis
 from maglev_ctrl.synthesis.riccati import RiccatiSolution
 from maglev_ctrl.synthesis.weights import QuadraticWeights, require_single
 from maglev_ctrl.systems import Controller, SecondOrderSystem, close_loop, loop_matrices
+from maglev_ctrl.systems.scheduled import ScheduledController
 
 METHODS = (
     "eigenvalues of the closed second-order system",
@@ -56,7 +58,11 @@ class Certificate:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Design:
-    """A control law with its origin: `riccati` and `weights` are empty where the law has none, `notes` tell choices."""
+    """A control law with its origin: `riccati` and `weights` are empty where the law has none, `notes` tell choices.
+
+    `synthesis` holds the claims about the loop and their proofs; `schedule` the law over an operating parameter, of
+    which `controller` is the one at the design point.
+    """
 
     name: str
     law: str
@@ -66,6 +72,8 @@ class Design:
     weights: QuadraticWeights | None
     certificate: Certificate
     notes: tuple[str, ...] = ()
+    synthesis: Synthesis | None = None
+    schedule: ScheduledController | None = None
 
     def require(self) -> Design:
         """This design where it is solved and its closed loop is proven stable.
