@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, NoReturn, cast
 
 import typer
 
+from maglev_ctrl.cli_design import design, export, verify
 from maglev_ctrl.cli_forces import forces
 from maglev_ctrl.cli_identify import identify
 from maglev_ctrl.cli_map import stability_map
@@ -72,6 +73,9 @@ def compare(scenario: ScenarioFile, out: OutFolder = None, jobs: Jobs = 2) -> No
     _study_and_write(load(scenario), out, jobs=jobs, formats=("html", "json"), values=True)
 
 
+app.command()(design)
+app.command()(export)
+app.command()(verify)
 app.command()(forces)
 app.command()(identify)
 app.command(name="map")(stability_map)

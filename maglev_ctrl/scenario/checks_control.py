@@ -8,13 +8,13 @@ from typing import assert_never
 
 from maglev_ctrl.scenario.control_schema import (
     Corners,
+    HookedLaw,
     Lqg,
     Lqi,
     Lqr,
     MultiObjective,
     OutputFeedback,
     Predictive,
-    RelativeHook,
     RiccatiLaw,
     Scheduled,
     SkyHook,
@@ -49,8 +49,8 @@ def control_faults(option: OptionRecord, here: Layout, commands: Commands, *, pa
             if law.damping <= 0.0:
                 yield Fault((*place, "damping"), "expected a damping above zero")
             return
-        case RelativeHook():
-            yield from _relative_faults(option, law, here, path=place)
+        case HookedLaw():
+            yield from _damping_faults(option, law, path=place)
             return
         case Lqr() | Lqg() | MultiObjective():
             pass
@@ -196,41 +196,31 @@ def _noise_faults(option: OptionRecord, law: str, *, path: KeyPath) -> Iterator[
             )
 
 
-def _hook_faults(option: OptionRecord, name: str, here: Layout, *, path: KeyPath, gap: bool = False) -> Iterator[Fault]:
-    """A sensor of velocity (or of the gap), one measurement per actuator."""
+def _hook_faults(option: OptionRecord, name: str, here: Layout, *, path: KeyPath) -> Iterator[Fault]:
+    """A sensor of velocity, one measurement per actuator."""
     sensors: dict[str, SensorRecord] = {sensor.name: sensor for sensor in option.sensors}
     sensor = sensors.get(name)
     if sensor is None:
         yield Fault(path, f'no sensor is called "{name}"{near_match(name, sensors)}')
         return
-    fitting, words = (("gap",), "the gap") if gap else (("velocity", "acceleration"), "velocity or acceleration")
-    if sensor.kind not in fitting:
-        yield Fault(path, f"expected a sensor of {words}, got one of kind {sensor.kind}")
+    if sensor.kind not in ("velocity", "acceleration"):
+        yield Fault(path, f"expected a sensor of velocity or acceleration, got one of kind {sensor.kind}")
     driven = sum(len(place_element(actuator, here)) for actuator in option.actuators)
     measured = len(place_sensor(sensor, here))
     if driven != measured:
-        word = "gap" if gap else "velocity"
-        yield Fault(path, f"expected one {word} per actuator: {driven} actuators, {measured} measurements")
+        yield Fault(path, f"expected one velocity per actuator: {driven} actuators, {measured} measurements")
 
 
-def _relative_faults(option: OptionRecord, law: RelativeHook, here: Layout, *, path: KeyPath) -> Iterator[Fault]:
+def _damping_faults(option: OptionRecord, law: HookedLaw, *, path: KeyPath) -> Iterator[Fault]:
+    """Signs; which sensors are missing only the built vehicle can tell."""
     if not option.actuators:
         yield Fault(path, "expected at least one [[option.actuator]] for the law to drive", at_key=True)
-        return
-    if not any((law.sky, law.ground, law.relative, law.gap_rate)):
+    given = {key: getattr(law, key) for key in ("sky", "ground", "relative", "gap_rate")}
+    if not any(given.values()):
         yield Fault(path, "expected at least one of sky, ground, relative and gap_rate", at_key=True)
-    for key, sensor in (("sky", law.sky_sensor), ("ground", law.ground_sensor), ("gap_rate", law.gap_sensor)):
-        value: float = getattr(law, key)
-        name = f"{key.removesuffix('_rate')}_sensor"
+    for key, value in given.items():
         if value < 0.0:
             yield Fault((*path, key), "expected a damping that is not negative")
-        if value and sensor is None:
-            kind = "gap" if key == "gap_rate" else "velocity"
-            yield Fault((*path, name), f"missing; {key} damping needs a {kind} sensor, one per actuator")
-        elif sensor is not None:
-            yield from _hook_faults(option, sensor, here, path=(*path, name), gap=key == "gap_rate")
-    if law.relative < 0.0:
-        yield Fault((*path, "relative"), "expected a damping that is not negative")
 
 
 def _link_faults(option: OptionRecord, law: OutputFeedback, commands: Commands, *, path: KeyPath) -> Iterator[Fault]:

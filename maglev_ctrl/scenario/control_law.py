@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from maglev_ctrl.scenario.control_schema import WEIGHTED, ControlRecord, OutputFeedback, RelativeHook, SkyHook
+from maglev_ctrl.scenario.control_schema import WEIGHTED, ControlRecord, HookedLaw, OutputFeedback, SkyHook
 from maglev_ctrl.scenario.layout import command_dimensions, layout, outputs_of, place_element, place_sensor
 from maglev_ctrl.scenario.option_schema import OptionRecord
 from maglev_ctrl.scenario.scenario_schema import Scenario
@@ -77,7 +77,7 @@ def control_law(scenario: Scenario, option: OptionRecord) -> ControlLaw | None:
 
 def _used(record: ControlRecord, driven: Mapping[str, tuple[str, ...]]) -> Iterable[str]:
     """Actuators of the option; electromagnets only where a weight names them."""
-    if isinstance(record, SkyHook | RelativeHook):
+    if isinstance(record, SkyHook | HookedLaw):
         return driven
     named = [item.actuator for item in record.allowed if item.actuator is not None]
     return [name for name in driven if name in named]

@@ -160,17 +160,17 @@ class SkyHook(_Sampled):
     )
 
 
-class RelativeHook(_Sampled):
-    """Ground-hook, relative and gap-rate damping, alone or together: force per velocity of each kind, added up."""
+class HookedLaw(_Sampled):
+    """Sky-hook, ground-hook, relative and gap-rate damping, alone or together.
+
+    Each damping is a force per velocity and they add up; each uses the sensors that stand at its actuators.
+    """
 
     law: Literal["damping"]
-    sky: Damping = Field(0.0, description="force per absolute velocity of the upper end, from `sky_sensor`")
-    sky_sensor: Name | None = Field(None, description="velocity (or acceleration) sensor at the upper end")
-    ground: Damping = Field(0.0, description="force per absolute velocity of the lower end, from `ground_sensor`")
-    ground_sensor: Name | None = Field(None, description="velocity (or acceleration) sensor at the lower end")
-    relative: Damping = Field(0.0, description="force per velocity of the actuator's own stroke")
-    gap_rate: Damping = Field(0.0, description="force per rate of the gap under the actuator, from `gap_sensor`")
-    gap_sensor: Name | None = Field(None, description="gap sensor, one per actuator")
+    sky: Damping = Field(0.0, description="per absolute velocity of the body the actuator pushes (velocity sensor)")
+    ground: Damping = Field(0.0, description="per absolute velocity of the body it reacts on (velocity or gap sensor)")
+    relative: Damping = Field(0.0, description="per velocity of the stroke between both (stroke or gap sensor)")
+    gap_rate: Damping = Field(0.0, description="per rate of the gap to the guideway (gap sensor)")
 
 
 class Scheduled(_Weighted):
@@ -204,7 +204,7 @@ class Predictive(Record):
 
 
 ControlRecord = Annotated[
-    Lqr | Lqi | Lqg | RiccatiLaw | MultiObjective | OutputFeedback | SkyHook | RelativeHook | Scheduled | Predictive,
+    Lqr | Lqi | Lqg | RiccatiLaw | MultiObjective | OutputFeedback | SkyHook | HookedLaw | Scheduled | Predictive,
     Field(discriminator="law"),
 ]
 WEIGHTED = (Lqr, Lqi, Lqg, RiccatiLaw, MultiObjective, OutputFeedback, Scheduled, Predictive)

@@ -19,6 +19,7 @@ from pydantic import BaseModel, ValidationError
 from maglev_ctrl.errors import ModelError, OutOfDomain
 from maglev_ctrl.scenario.build import build_option, build_vehicle
 from maglev_ctrl.scenario.checks import faults_in, table_faults
+from maglev_ctrl.scenario.control_schema import HookedLaw
 from maglev_ctrl.scenario.force_schema import TableForces
 from maglev_ctrl.scenario.force_table import SIZE_LIMIT as TABLE_LIMIT
 from maglev_ctrl.scenario.force_table import ForceSamples, read_force_table
@@ -139,9 +140,17 @@ def _build_faults(scenario: Scenario) -> Iterator[Fault]:
         return
     for index, option in enumerate(scenario.options):
         try:
-            build_option(scenario, option, vehicle)
+            built = build_option(scenario, option, vehicle)
         except ValueError as error:
             yield Fault(("option", index), str(error))
+            continue
+        if isinstance(option.control, HookedLaw):
+            from maglev_ctrl.scenario.hooks import hooked_dampers
+
+            try:
+                hooked_dampers(built, option.control)
+            except ModelError as error:
+                yield Fault(("option", index, "control"), str(error), at_key=True)
 
 
 def _placed(shown: str, text: str, faults: list[Fault], elsewhere: list[Problem] | None = None) -> ScenarioProblems:

@@ -7,13 +7,13 @@ from typing import assert_never
 
 from maglev_ctrl.scenario.control_schema import (
     ControlRecord,
+    HookedLaw,
     Lqg,
     Lqi,
     Lqr,
     MultiObjective,
     OutputFeedback,
     Predictive,
-    RelativeHook,
     RiccatiLaw,
     Scheduled,
     SkyHook,
@@ -79,7 +79,7 @@ def _law(law: ControlRecord) -> str:
     match law:
         case SkyHook():
             return f"sky-hook damping {law.damping / 1e3:g} kN s/m of {law.sensor}"
-        case RelativeHook():
+        case HookedLaw():
             given = {
                 "sky-hook": law.sky, "ground-hook": law.ground, "relative": law.relative, "gap-rate": law.gap_rate
             }  # fmt: skip

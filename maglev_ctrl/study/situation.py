@@ -60,9 +60,8 @@ class OptionModel:
         """
         if controller is None or self.schedule is None:
             return controller
-        value = getattr(situation, self.schedule.parameter)
-        design = self.scenario.vehicle.car.payload if self.schedule.parameter == "payload" else None
-        return self.schedule.at(design if value is None else value)
+        value: float | None = getattr(situation, self.schedule.parameter)
+        return self.schedule.at(self.scenario.vehicle.car.payload if value is None else value)
 
     def vehicle(self, payload: float | None = None) -> Vehicle:
         """The vehicle with the option's elements, at a payload (kg; None = the scenario's)."""

@@ -1,0 +1,165 @@
+"""The verbs `design`, `export` and `verify`: laws made, proved, written down, and proved again from the file alone."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from maglev_ctrl.cli_terminal import NOT_PASSED, PASSED, Stopped, console, progress
+
+if TYPE_CHECKING:
+    from maglev_ctrl.study.design.records import DesignStudy
+
+STYLES = {"PASS": "green", "FAIL": "red", "NOT EVALUATED": "yellow"}
+Options = Annotated[
+    list[str] | None, typer.Option("--option", metavar="NAME", help="Only this option; may be repeated.")
+]
+
+
+class Target(StrEnum):
+    """What a design is exported to."""
+
+    mat = "mat"
+    json = "json"
+    c = "c"
+    python = "python"
+
+
+def design(
+    scenario: Annotated[Path, typer.Argument(metavar="SCENARIO", help="Scenario file (TOML).", show_default=False)],
+    option: Options = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results.  [default: out/NAME]")
+    ] = None,
+    jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, max=256, help="Processes that share the work.")] = 2,
+) -> None:
+    """Design the control law of every option, prove it without trusting the solver, and export it.
+
+    Writes design.html, design.pdf, design.json (self-contained, for `verify` and `export`) and the folder export with
+    MATLAB, C, Python and JSON files. Exit status: 0 every law is proved, 1 some law does not exist or is not proved,
+    2 wrong input.
+    """
+    from maglev_ctrl.errors import ScenarioError
+    from maglev_ctrl.report.folder import require_writable
+    from maglev_ctrl.scenario import load
+    from maglev_ctrl.study.design.run import chosen_options, survey_design
+
+    read = load(scenario)
+    try:
+        chosen = chosen_options(read, option or ())
+    except ValueError as error:
+        raise ScenarioError(f"{scenario}: {error}") from None
+    folder = out if out is not None else Path("out") / read.name
+    require_writable(folder, results="designs")
+    try:
+        with progress(read.name) as tell:
+            study = survey_design(read, chosen, jobs=jobs, progress=tell)
+
+        from maglev_ctrl.report.design import write_design
+
+        paths = write_design(study, folder)
+    except KeyboardInterrupt:
+        raise Stopped() from None
+    try:
+        _print(study)
+        for path in paths:
+            typer.echo(f"written: {path}")
+    except Stopped as stop:
+        raise Stopped(stop.status, f"interrupted; the designs were written: {folder}") from None
+    raise typer.Exit(PASSED if study.verdict.value == "PASS" else NOT_PASSED)
+
+
+def export(
+    file: Annotated[Path, typer.Argument(metavar="DESIGN.json", help="Made by `design`.", show_default=False)],
+    to: Annotated[Target, typer.Option("--to", help="What to write.")],
+    option: Annotated[
+        str | None, typer.Option("--option", metavar="NAME", help="Which design, where the file holds several.")
+    ] = None,
+    period: Annotated[
+        str | None,
+        typer.Option("--period", metavar="TIME", help='Sampling period, e.g. "2 ms".  [default: that of the design]'),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for the files.  [default: beside FILE]")
+    ] = None,
+) -> None:
+    """Write a design's controller for MATLAB, C, Python or as JSON, with the source that made it.
+
+    The design is proved again first; one that is not proved is not exported. C and sampled JSON need a sampling period.
+    """
+    from maglev_ctrl.errors import ModelError
+    from maglev_ctrl.report.design.exports import export_design
+    from maglev_ctrl.report.folder import require_writable, write_whole
+    from maglev_ctrl.scenario.units import Unit
+    from maglev_ctrl.study.design.document import load_designs, pick, prove_again
+
+    found = pick(load_designs(file), option, file=file)
+    seconds = None
+    if period is not None:
+        try:
+            seconds = Unit("a time", "s", "2 ms", "positive").read(period)
+        except ValueError as error:
+            raise ModelError(f"--period: {error}") from None
+    failed = [proof for proof in prove_again(found).proofs if not proof.holds]
+    if failed:
+        raise ModelError(f"{file}: {found.name} is not proved and is not exported: {failed[0].statement}")
+    folder = out if out is not None else file.parent
+    require_writable(folder, results="exports")
+    try:
+        made = export_design(found, to.value, period=seconds)
+    except ValueError as error:
+        raise ModelError(f"{file}: {error}") from None
+    for path in write_whole(made, folder):
+        typer.echo(f"written: {path}")
+
+
+def verify(
+    file: Annotated[Path, typer.Argument(metavar="DESIGN.json", help="Made by `design`.", show_default=False)],
+) -> None:
+    """Prove every claim of a design file again, from the file alone and without a solver.
+
+    Exit status: 0 everything is proved, 1 something is not, 2 the file is no design.
+    """
+    from rich.markup import escape
+    from rich.table import Table
+
+    from maglev_ctrl.study.design.document import load_designs, prove_again
+
+    screen, proved = console(), True
+    for found in load_designs(file):
+        again = prove_again(found)
+        table = Table(title=f"{found.name}: {found.law}", title_justify="left")
+        for heading in ("claim", "proved", "margin", "by"):
+            table.add_column(heading, overflow="fold")
+        for proof in again.proofs:
+            word = "[green]yes[/]" if proof.holds else f"[red]no[/]: {escape(proof.reason)}"
+            table.add_row(escape(proof.statement), word, f"{proof.margin:.3g}", escape(proof.method))
+        proved = proved and bool(again.proofs) and all(proof.holds for proof in again.proofs)
+        screen.print(table)
+        if not again.proofs:
+            typer.echo(f"{found.name}: the file makes no claim: {again.reason}")
+    typer.echo("proved" if proved else "NOT PROVED")
+    raise typer.Exit(PASSED if proved else NOT_PASSED)
+
+
+def _print(study: DesignStudy) -> None:
+    from rich.markup import escape
+    from rich.table import Table
+
+    screen = console()
+    screen.print(f"[bold]{escape(study.title)}[/]")
+    table = Table()
+    for heading in ("option", "law", "verdict", "what is proved"):
+        table.add_column(heading, overflow="fold")
+    for option in study.options:
+        verdict = option.verdict.value
+        proofs = option.synthesis.proofs if option.synthesis is not None else ()
+        said = option.failure or "; ".join(
+            proof.statement if proof.holds else f"NOT PROVED: {proof.statement} ({proof.reason})" for proof in proofs
+        )
+        said += f"; with actuator delays: {option.delays}" if option.delays else ""
+        table.add_row(escape(option.label), escape(option.law), f"[{STYLES[verdict]}]{verdict}[/]", escape(said))
+    screen.print(table)

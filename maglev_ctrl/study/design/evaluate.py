@@ -1,0 +1,87 @@
+"""What a finished law does: poles at its corners, gain over frequency, and the law as a computer runs it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from maglev_ctrl.analysis.hamiltonian import balanced_realisation, largest_gain, response
+from maglev_ctrl.arrays import FloatArray, read_only, read_only_any
+from maglev_ctrl.errors import MaglevError
+from maglev_ctrl.proofs.claims import GainClaim
+from maglev_ctrl.study.design.corners import Corner, systems_at
+from maglev_ctrl.study.design.records import CornerPoles, GainCurve, SampledLaw
+from maglev_ctrl.study.situation import OptionModel
+from maglev_ctrl.synthesis.design import Design
+from maglev_ctrl.synthesis.discretise import discretisation_loss, discretise
+from maglev_ctrl.synthesis.result import Synthesis
+from maglev_ctrl.systems import Controller, close_loop
+from maglev_ctrl.systems.plant import Plant, closed_channel
+
+CURVE_POINTS = 600
+
+
+def corner_poles(model: OptionModel, corners: tuple[Corner, ...], design: Design) -> tuple[CornerPoles, ...]:
+    """Open- and closed-loop poles at every corner, delays left out; a scheduled law with its gains there.
+
+    Raises
+    ------
+    ModelError : there is no equilibrium at a corner
+    OutOfDomain : the forces are not known there
+    """
+    found: list[CornerPoles] = []
+    for corner, system in systems_at(model, corners):
+        law = model.law_at(corner.situation, design.controller)
+        assert law is not None
+        found.append(CornerPoles(corner.name, _poles(system.state_matrix()),
+                                 _poles(close_loop(system, law).state_matrix())))  # fmt: skip
+    return tuple(found)
+
+
+def gain_curve(synthesis: Synthesis) -> GainCurve | None:
+    """Largest gain from w to z over frequency at the first plant; None for sampled plants or without performance."""
+    if not synthesis.controllers:
+        return None
+    plant, controller = synthesis.plants[0], synthesis.controllers[0]
+    if plant.dt is not None or not plant.performance or not plant.disturbances:
+        return None
+    opened = (plant.A, plant.B1, plant.C1, plant.D11)
+    closed = closed_channel(plant, controller)
+    frequency = _frequencies((plant.A, closed[0]))
+    levels = [claim.gamma for claim in synthesis.claims if isinstance(claim, GainClaim)]
+    return GainCurve(
+        frequency=read_only(frequency, name="frequency"),
+        open_loop=read_only(_gains(opened, frequency), name="open_loop"),
+        closed_loop=read_only(_gains(closed, frequency), name="closed_loop"),
+        level=min(levels) if levels else float("nan"),
+    )
+
+
+def sampled_law(plant: Plant, controllers: Sequence[Controller], period: float) -> SampledLaw:
+    """The law sampled every `period` seconds, and the loss of the first one on its plant."""
+    made = tuple(discretise(controller, period) for controller in controllers)
+    try:
+        loss = discretisation_loss(plant, controllers[0], period)
+    except (MaglevError, np.linalg.LinAlgError) as fault:
+        return SampledLaw(period, made, None, f"{fault}")
+    return SampledLaw(period, made, loss, "")
+
+
+def _poles(A: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.complex128]]:
+    return read_only_any(np.linalg.eigvals(A).astype(complex))
+
+
+def _gains(system: tuple[FloatArray, FloatArray, FloatArray, FloatArray], frequency: FloatArray) -> FloatArray:
+    A, B, C, D = system
+    return largest_gain(response(*balanced_realisation(A, B, C), D, frequency))
+
+
+def _frequencies(matrices: Sequence[FloatArray]) -> FloatArray:
+    """From well below the slowest to well above the fastest pole, every pole's own frequency among them."""
+    moduli = np.concatenate([np.abs(np.linalg.eigvals(A)) for A in matrices])
+    moduli = moduli[moduli > 1e-3]
+    if not moduli.size:
+        return np.geomspace(1e-2, 1e2, CURVE_POINTS)
+    grid = np.geomspace(0.1 * float(np.min(moduli)), 10.0 * float(np.max(moduli)), CURVE_POINTS)
+    return np.asarray(np.unique(np.concatenate([grid, moduli])))
