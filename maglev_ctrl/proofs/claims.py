@@ -17,7 +17,9 @@ class DecayClaim:
     """All poles decay at `rate` (1/s) or faster: A'P + P A + 2 rate P < 0; sampled: A'P A < exp(-2 rate dt) P.
 
     With one P for several loops the claim covers every loop between them, however fast it varies (quadratic
-    stability). `cross` adds the products plant i with controller j, needed where both are blended by the same weights.
+    stability). Where the closed loop is no affine function of the weights (plant inputs vary, and outputs or laws
+    too), that needs the loops of plant i with law j. They are checked for a common law, and for several laws if
+    `cross` is set; if it is not, the claim is about the given loops alone, and its proof's statement says so.
     """
 
     plants: tuple[int, ...]
@@ -79,7 +81,8 @@ class EnergyClaim:
 class EllipsoidClaim:
     """From any state with x'P x <= 1 the loop stays there and command j stays below `limits[j]`, without disturbance.
 
-    A'P + P A < 0 (sampled A'P A < P) and u_j u_j' <= limits[j]^2 P for the rows u of the command.
+    A'P + P A < 0 (sampled A'P A < P) and u_j' u_j < limits[j]^2 P for the rows u_j of the command: the column
+    [[limits[j]^2, u_j], [u_j', P]] > 0, strictly; a P that just touches a limit is not accepted.
     """
 
     plants: tuple[int, ...]
@@ -94,7 +97,10 @@ class ParameterClaim:
 
         [[-(V + V'), V'(A_i + rate I) + P_i, V'], [., -P_i, 0], [., ., -P_i]] < 0 for all i
 
-    (Apkarian, Tuan & Bernussou, IEEE TAC 46 (2001) 1941, continuous); P (k, n, n), V (n, n). One controller only.
+    (Apkarian, Tuan & Bernussou, IEEE TAC 46 (2001) 1941, continuous); P (k, n, n), V (n, n). The inequality is affine
+    in A_i and P_i together, so that it passes to every blend; with W = V^-1, Y = P^-1 and a = A + rate I its Schur
+    complement is (W + Y(a' - I))'P(W + Y(a' - I)) + a Y + Y a' < 0, hence a'P + P a < 0. Refused where the closed loop
+    is no affine function of the weights (laws that differ while plant inputs or outputs do).
     """
 
     plants: tuple[int, ...]
@@ -110,8 +116,9 @@ class SegmentClaim:
 
     P runs linearly from P[0] to P[1] over `width` of the parameter; |rate of the parameter| <= `speed_limit`:
     A(l)'P(l) + P(l) A(l) +- speed_limit (P1 - P0) / width < 0 for all l in [0, 1], by Bernstein coefficients in l.
-    Two loops: `plants` and `controllers` hold two indices each. Where plant inputs and laws both vary, A(l) is
-    quadratic in l with the cross products, and the polynomial is of degree three.
+    Two loops: `plants` and `controllers` hold two indices each. Plants and laws are blended matrix by matrix; where
+    plant inputs (or outputs) and laws both vary, A(l) is quadratic in l with the cross products, and the polynomial is
+    of degree three (four where all three vary). The degree is found from the matrices, whatever `cross` says.
     """
 
     plants: tuple[int, int]

@@ -182,7 +182,8 @@ class Enclosure:
             raise NotDecided("the matrix may be singular")
         factor = size / (1.0 - size) * (1.0 + 16.0 * EPSILON)
         largest = np.max(np.abs(near), axis=0, initial=0.0)
-        return kind(near, np.broadcast_to(factor * largest * (1.0 + 8.0 * EPSILON) + TINY, near.shape).copy())
+        radius: FloatArray = np.zeros(near.shape) + (factor * largest * (1.0 + 8.0 * EPSILON) + TINY)
+        return kind(np.asarray(near, dtype=np.float64), radius)
 
 
 def definite(matrix: Enclosure) -> tuple[bool, float, bool]:

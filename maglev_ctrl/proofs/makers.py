@@ -1,0 +1,288 @@
+"""Certificate matrices of a finished loop, for syntheses that make none: Lyapunov and bounded-real, kept strict.
+
+Nothing made here is trusted: a claim is made with ordinary rounding and proved elsewhere.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+import scipy.linalg
+
+from maglev_ctrl.arrays import FloatArray
+from maglev_ctrl.errors import ModelError
+from maglev_ctrl.proofs.claims import Claim, DecayClaim, EnergyClaim, GainClaim
+from maglev_ctrl.proofs.enclosure import Enclosure, definite
+from maglev_ctrl.proofs.inequalities import conditions
+from maglev_ctrl.proofs.loops import Loop
+from maglev_ctrl.systems import Controller
+from maglev_ctrl.systems.plant import Plant, closed_channel
+
+_STEPS = (0.3, 1e-2, 1e-4, 1e-6, 1e-8, 1e-10)
+"""Shares of the room below a bound that are spent on strictness, tried from the largest."""
+
+
+def lyapunov_claim(plants: Sequence[Plant], controllers: Sequence[Controller], *, rate: float = 0.0) -> DecayClaim:
+    """Decay of every loop at `rate` (1/s) with a matrix of its own; one law may serve all plants.
+
+    Raises
+    ------
+    ModelError : a loop does not decay that fast; the pole is named
+    ValueError : names, sampling periods or numbers of plants and laws do not fit
+
+    Examples
+    --------
+    >>> plant = Plant.from_matrices([[1.0]], [[1.0]], [[1.0]], [[1.0]])
+    >>> law = Controller.static([[-3.0]], measured=("x1",), commands=("u1",))
+    >>> lyapunov_claim([plant], [law], rate=1.0).P
+    array([[[0.5]]])
+    """
+    if len(controllers) not in (1, len(plants)):
+        raise ValueError(f"controllers: expected 1 or {len(plants)}, got {len(controllers)}")
+    laws = list(range(len(controllers))) if len(controllers) > 1 else [0] * len(plants)
+    found = [_decay_matrix(plant, controllers[j], rate) for plant, j in zip(plants, laws, strict=True)]
+    return DecayClaim(tuple(range(len(plants))), tuple(laws), rate, np.stack(found))
+
+
+def energy_claim(
+    plant: Plant,
+    controller: Controller,
+    level: float,
+    *,
+    disturbances: tuple[str, ...] = (),
+    performance: tuple[str, ...] = (),
+    index: int = 0,
+    law: int = 0,
+) -> EnergyClaim:
+    """H2 norm of one closed loop below `level`, which has to be above the norm by 1e-7 of it or more.
+
+    P solves A'P + P A + C'C + e Q = 0 with the largest e that leaves the trace below level^2.
+
+    Parameters
+    ----------
+    index, law : of plant and controller in the design
+
+    Raises
+    ------
+    ModelError : the loop is not stable, passes disturbances straight through, or has a norm that is not below `level`
+
+    Examples
+    --------
+    >>> plant = Plant.from_matrices([[-1.0]], [[1.0]], [[1.0]], [[1.0]])
+    >>> law = Controller.static([[0.0]], measured=("x1",), commands=("u1",))
+    >>> energy_claim(plant, law, 0.7072).P.round(3)
+    array([[[0.5]]])
+    """
+    A, B, C, D = _channel(plant, controller, disturbances, performance)
+    _require_decay(A, 0.0, plant)
+    if plant.dt is None and np.any(D):
+        raise ModelError(f"{plant.name}: disturbances pass straight through, the H2 norm is infinite")
+    through = float(np.sum(D**2))
+    basis = _balance(A)
+    A_b, B_b, C_b = A / basis[:, None] * basis, B / basis[:, None], C * basis
+    observed = _gramian(A_b, C_b.T @ C_b, plant.dt)
+    norm = float(np.sqrt(max(np.sum(B_b * (observed @ B_b)) + through, 0.0)))
+    room = level**2 - norm**2
+    if not room > 0.0:
+        raise ModelError(f"{plant.name}: the H2 norm is {norm:.10g}, not below {level:.10g}")
+
+    def tries() -> Iterator[FloatArray]:
+        for spare in _strict_parts(A_b, plant.dt):
+            cost = float(np.sum(B_b * (spare @ B_b)))
+            for share in (0.5, 0.9, 0.1):
+                yield observed + (share * room / cost if cost > 0.0 else 1.0) * spare
+
+    def made(P: FloatArray) -> EnergyClaim:
+        return EnergyClaim((index,), (law,), level, P[None], disturbances, performance)
+
+    return made(_first_proved(tries(), basis, made, Loop(*map(Enclosure.of, (A, B, C, D, C))), plant.dt))
+
+
+def bounded_real_claim(
+    plant: Plant,
+    controller: Controller,
+    gamma: float,
+    *,
+    disturbances: tuple[str, ...] = (),
+    performance: tuple[str, ...] = (),
+    index: int = 0,
+    law: int = 0,
+) -> GainClaim:
+    """Peak gain of one closed loop below `gamma`, which has to be above the norm by about 1e-6 of it or more.
+
+    P is the stabilising solution of the bounded-real Riccati equation with C'C + e Q in place of C'C, so that the
+    inequality is strict; the largest e with a solution is taken (Zhou, Doyle & Glover 1996, corollary 13.24).
+
+    Parameters
+    ----------
+    index, law : of plant and controller in the design
+
+    Raises
+    ------
+    ModelError : the loop is not stable, or no matrix was found: `gamma` is not above the peak gain, or too close
+
+    Examples
+    --------
+    >>> plant = Plant.from_matrices([[-1.0]], [[1.0]], [[1.0]], [[1.0]])
+    >>> law = Controller.static([[0.0]], measured=("x1",), commands=("u1",))
+    >>> bounded_real_claim(plant, law, 1.001).gamma
+    1.001
+    """
+    A, B, C, D = _channel(plant, controller, disturbances, performance)
+    _require_decay(A, 0.0, plant)
+    if not gamma > 0.0 or (D.size and np.linalg.norm(D, 2) >= gamma):
+        raise ModelError(f"{plant.name}: the peak gain is not below {gamma:.10g}")
+    basis = _balance(A)
+    root = np.sqrt(gamma)
+    A_b, B_b, C_b = A / basis[:, None] * basis, B / basis[:, None] / root, C * basis / root
+    # second balance: reached and observed alike in every state
+    reached = np.diag(_gramian(A_b.T, B_b @ B_b.T, plant.dt))
+    observed = np.diag(_gramian(A_b, C_b.T @ C_b, plant.dt))
+    if np.all(reached > 0.0) and np.all(observed > 0.0):
+        second = np.exp2(np.round(0.25 * np.log2(reached / observed)))
+        basis = basis * second
+        A_b, B_b, C_b = A_b / second[:, None] * second, B_b / second[:, None], C_b * second
+    D_b = D / gamma
+
+    def tries() -> Iterator[FloatArray]:
+        for part in _strict_parts(A_b, plant.dt):
+            weight = _weight(A_b, part, plant.dt)
+            cost = float(np.sum(B_b * (part @ B_b)))
+            for share in _STEPS:
+                size = share / cost if cost > 0.0 else share
+                found = _bounded_real(A_b, B_b, C_b.T @ C_b + size * weight, C_b.T @ D_b, D_b, plant.dt)
+                if found is not None:
+                    yield found
+
+    def made(P: FloatArray) -> GainClaim:
+        return GainClaim((index,), (law,), gamma, P[None], disturbances, performance)
+
+    return made(_first_proved(tries(), basis, made, Loop(*map(Enclosure.of, (A, B, C, D, C))), plant.dt))
+
+
+def _decay_matrix(plant: Plant, controller: Controller, rate: float) -> FloatArray:
+    A = closed_channel(plant, controller)[0]
+    _require_decay(A, rate, plant)
+    moved = A + rate * np.eye(len(A)) if plant.dt is None else A * np.exp(rate * plant.dt)
+    basis = _balance(moved)
+
+    def made(P: FloatArray) -> DecayClaim:
+        return DecayClaim((0,), (0,), rate, P[None])
+
+    one = Enclosure.of(A)
+    tries = _strict_parts(moved / basis[:, None] * basis, plant.dt)
+    return _first_proved(tries, basis, made, Loop(one, one, one, one, one), plant.dt)
+
+
+def _channel(
+    plant: Plant, controller: Controller, disturbances: tuple[str, ...], performance: tuple[str, ...]
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    A, B, C, D = closed_channel(plant, controller)
+    columns = [plant.disturbances.index(name) for name in disturbances or plant.disturbances]
+    rows = [plant.performance.index(name) for name in performance or plant.performance]
+    return A, B[:, columns], C[rows], D[np.ix_(rows, columns)]
+
+
+def _require_decay(A: FloatArray, rate: float, plant: Plant) -> None:
+    poles = np.linalg.eigvals(A)
+    if not len(poles):
+        return
+    if plant.dt is None:
+        slowest = poles[np.argmax(poles.real)]
+        slow, unit = slowest.real >= -rate, "1/s"
+    else:
+        slowest = poles[np.argmax(np.abs(poles))]
+        slow, unit = abs(slowest) >= np.exp(-rate * plant.dt), "in the z plane"
+    if slow:
+        raise ModelError(
+            f"{plant.name}: the pole {slowest:.6g} {unit} of the closed loop does not decay at {rate:.6g} 1/s"
+        )
+
+
+def _balance(A: FloatArray) -> FloatArray:
+    """Powers of two t such that diag(1/t) A diag(t) has rows and columns of like size."""
+    if not len(A):
+        return np.ones(0)
+    scale = scipy.linalg.matrix_balance(A, permute=False, separate=True)[1][0]
+    return np.asarray(np.exp2(np.round(np.log2(scale))), dtype=float)
+
+
+def _gramian(A: FloatArray, Q: FloatArray, dt: float | None) -> FloatArray:
+    """P of A'P + P A + Q = 0, or of A'P A - P + Q = 0 by Smith's doubling, for a stable A."""
+    if dt is None:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            P = np.asarray(scipy.linalg.solve_continuous_lyapunov(A.T, -Q), dtype=float)
+        return np.asarray(0.5 * (P + P.T))
+    P, power = Q, A
+    with np.errstate(all="ignore"):
+        for _ in range(64):
+            step = power.T @ P @ power
+            P = P + 0.5 * (step + step.T)
+            power = power @ power
+            if not np.max(np.abs(step), initial=0.0) > 1e-17 * np.max(np.abs(P), initial=0.0):
+                break
+    return P
+
+
+def _strict_parts(A: FloatArray, dt: float | None) -> Iterator[FloatArray]:
+    """P > 0 with a strict Lyapunov inequality: for Q = I, then for Q = I + a share of P, where P is widely spread."""
+    eye = np.eye(len(A))
+    yield _gramian(A, eye, dt)
+    poles = np.linalg.eigvals(A)
+    for share in (0.5, 0.9):
+        if dt is None:
+            yield _gramian(A - share * float(np.max(poles.real)) * eye, eye, dt)
+        else:
+            yield _gramian(A / float(np.max(np.abs(poles), initial=1e-8)) ** share, eye, dt)
+
+
+def _weight(A: FloatArray, P: FloatArray, dt: float | None) -> FloatArray:
+    weight = -(A.T @ P + P @ A) if dt is None else P - A.T @ P @ A
+    return 0.5 * (weight + weight.T)
+
+
+def _bounded_real(
+    A: FloatArray, B: FloatArray, Q: FloatArray, S: FloatArray, D: FloatArray, dt: float | None
+) -> FloatArray | None:
+    """Stabilising solution of the bounded-real Riccati equation for the bound one; None where there is none."""
+    if B.shape[1] == 0:
+        return _gramian(A, Q, dt)
+    R = D.T @ D - np.eye(B.shape[1])
+    solve = scipy.linalg.solve_continuous_are if dt is None else scipy.linalg.solve_discrete_are
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            P = np.asarray(solve(A, B, Q, R, s=S), dtype=float)
+    except (np.linalg.LinAlgError, ValueError):
+        return None
+    return 0.5 * (P + P.T) if np.isfinite(P).all() else None
+
+
+def _first_proved(
+    tries: Iterator[FloatArray],
+    basis: FloatArray,
+    made: Callable[[FloatArray], Claim],
+    loop: Loop[Enclosure],
+    dt: float | None,
+) -> FloatArray:
+    """First matrix whose inequalities hold with rounding bounds, else the first; back from balanced coordinates.
+
+    Raises
+    ------
+    ModelError : there is no matrix to try
+    """
+    first = None
+    n_w, n_z = loop.B.shape[1], loop.C.shape[0]
+    for found in tries:
+        P = found / basis[:, None] / basis
+        first = P if first is None else first
+        with np.errstate(all="ignore"):
+            listed = conditions(made(P), Enclosure, [loop], dt, range(n_w), range(n_z))
+            if all(definite(matrix)[0] for _, matrix in listed):
+                return P
+    if first is None:
+        raise ModelError("no certificate matrix was found: the bound is not above the norm, or too close to it")
+    return first
