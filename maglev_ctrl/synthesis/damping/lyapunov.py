@@ -1,0 +1,151 @@
+"""Lyapunov matrices for fixed loops: one for each vertex, one for all, one that follows the parameter.
+
+Scaled to order one before any solver sees them; what comes back are candidates, judged by `maglev_ctrl.proofs`.
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+from scipy.linalg import solve_continuous_lyapunov
+
+from maglev_ctrl.arrays import FloatArray
+
+SLACK = 1e-8
+"""Least strictness of an inequality of order one that is handed on for proof."""
+
+
+def vertex_lyapunov(loops: FloatArray, rate: float, T: FloatArray) -> FloatArray | None:
+    """P (v, n, n) with A'P + P A + 2 rate P < 0 loop by loop, or None where a loop does not decay at `rate`.
+
+    Parameters
+    ----------
+    loops : (v, n, n) 1/s
+    T : (n,) diagonal scaling of the states, x = T x^
+
+    Examples
+    --------
+    >>> float(vertex_lyapunov(np.array([[[-2.0]]]), 1.0, np.ones(1))[0, 0, 0])
+    0.5
+    """
+    n = loops.shape[-1]
+    found = []
+    for A in loops * T / T[:, None] + rate * np.eye(n):
+        if np.max(np.linalg.eigvals(A).real) >= 0.0:
+            return None
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            try:
+                P = solve_continuous_lyapunov(A.T, -np.eye(n))
+                P = P - solve_continuous_lyapunov(A.T, A.T @ P + P @ A + np.eye(n))
+            except (RuntimeWarning, np.linalg.LinAlgError, ValueError):
+                return None
+        found.append(_unscaled(np.asarray(P), T))
+    return np.stack(found)
+
+
+def common_lyapunov(loops: FloatArray, rate: float, T: FloatArray) -> tuple[FloatArray | None, float]:
+    """One P (n, n) for all loops (quadratic stability) of largest scaled margin, and that margin.
+
+    Maximises t with A'P + P A + 2 rate P <= -t I, trace P = n; None where t is not positive.
+
+    Examples
+    --------
+    >>> P, margin = common_lyapunov(np.array([[[-2.0]], [[-3.0]]]), 1.0, np.ones(1))
+    >>> bool(margin > 0.0)
+    True
+    """
+    import cvxpy as cp
+
+    n = loops.shape[-1]
+    scaled = loops * T / T[:, None]
+    size = float(np.max(np.linalg.norm(scaled, 2, axis=(1, 2))))
+    P, t = cp.Variable((n, n), symmetric=True), cp.Variable()
+    constraints: list[Any] = [cp.trace(P) == n, P >> 0.0, t <= 1.0]
+    for A in scaled / size + rate / size * np.eye(n):
+        constraints.append(A.T @ P + P @ A << -t * np.eye(n))
+    if not solved(cp.Problem(cp.Maximize(t), constraints)) or float(t.value) < SLACK:
+        return None, -np.inf if t.value is None else float(t.value)
+    return _unscaled(np.asarray(P.value), T), float(t.value)
+
+
+def parameter_lyapunov(loops: FloatArray, rate: float, T: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    """P (v, n, n) and slack V (n, n) of `ParameterClaim`: every constant blend of the loops decays at `rate`.
+
+    Examples
+    --------
+    >>> parameter_lyapunov(np.array([[[-2.0]], [[-3.0]]]), 1.0, np.ones(1))[0].shape
+    (2, 1, 1)
+    """
+    import cvxpy as cp
+
+    n, count = loops.shape[-1], len(loops)
+    scaled = loops * T / T[:, None] + rate * np.eye(n)
+    size = max(float(np.max(np.linalg.norm(scaled, 2, axis=(1, 2)))), 1.0)
+    # Rows are weighted by congruence diag(size, 1, size): the slack V is smaller than P by the speed of the loops.
+    matrices = [cp.Variable((n, n), symmetric=True) for _ in range(count)]
+    V, t = cp.Variable((n, n)), cp.Variable()
+    constraints: list[Any] = [sum(cp.trace(P) for P in matrices) == n * count, t <= 1.0]
+    zero = np.zeros((n, n))
+    for A, P in zip(scaled, matrices, strict=True):
+        cross, side = V.T @ (A / size) + P, V.T / size
+        block = cp.bmat([[-(V + V.T) / size, cross, side], [cross.T, -P, zero], [side.T, zero, -P]])
+        constraints += [block << -t * np.eye(3 * n)]
+    if not solved(cp.Problem(cp.Maximize(t), constraints)) or float(t.value) < SLACK:
+        return None
+    slack = np.asarray(V.value) / size / T[:, None] / T
+    return np.stack([_unscaled(np.asarray(P.value), T) for P in matrices]), slack
+
+
+def region_matrix(loop: FloatArray, L: FloatArray, M: FloatArray, T: FloatArray) -> FloatArray | None:
+    """X (n, n) of `RegionClaim` for one loop: built on its eigenvectors, or found by a solver near double poles.
+
+    With X = V V^H the inequality is diagonal: L + s M + conj(s) M' of each pole.
+
+    Examples
+    --------
+    >>> region_matrix(np.array([[-2.0]]), np.array([[2.0]]), np.array([[1.0]]), np.ones(1))
+    array([[1.]])
+    """
+    import cvxpy as cp
+
+    A = loop * T / T[:, None]
+    n, size = len(A), max(float(np.linalg.norm(A, 2)), 1e-300)
+    _, V = np.linalg.eig(A)
+    X = np.asarray((V @ V.conj().T).real)
+    if _region_excess(A, L, M, X) < 0.0 and np.linalg.cond(X) < 1e8:
+        return np.asarray(X * T * T[:, None])
+    free, t = cp.Variable((n, n), symmetric=True), cp.Variable()
+    product = (A / size) @ free
+    value = cp.kron(L / size, free) + cp.kron(M, product) + cp.kron(M.T, product.T)
+    constraints: list[Any] = [cp.trace(free) == n, free >> SLACK * np.eye(n), t <= 1.0]
+    constraints.append(0.5 * (value + value.T) << -t * np.eye(n * len(L)))
+    if not solved(cp.Problem(cp.Maximize(t), constraints)) or float(t.value) < SLACK:
+        return None
+    matrix = np.asarray(free.value)
+    return np.asarray(0.5 * (matrix + matrix.T) * T * T[:, None])
+
+
+def _region_excess(A: FloatArray, L: FloatArray, M: FloatArray, X: FloatArray) -> float:
+    value = np.kron(L, X) + np.kron(M, A @ X) + np.kron(M.T, (A @ X).T)
+    return float(np.max(np.linalg.eigvalsh(0.5 * (value + value.T))))
+
+
+def solved(problem: Any) -> bool:
+    """Solve a cvxpy problem with Clarabel; whether it has a solution, be it of reduced accuracy (proofs decide)."""
+    import cvxpy as cp
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # cvxpy warns where accuracy is reduced; the proof decides what that is worth
+        try:
+            problem.solve(solver=cp.CLARABEL)
+        except (cp.error.SolverError, ValueError, ArithmeticError):
+            return False
+    return problem.status in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE)
+
+
+def _unscaled(P: FloatArray, T: FloatArray) -> FloatArray:
+    matrix = P / T[:, None] / T
+    return np.asarray(0.5 * (matrix + matrix.T))
