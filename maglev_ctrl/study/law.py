@@ -2,15 +2,29 @@
 
 from __future__ import annotations
 
-from maglev_ctrl.scenario import OptionRecord, Scenario, control_law
-from maglev_ctrl.scenario.control_schema import Lqg, Lqr
-from maglev_ctrl.scenario.control_schema import SkyHook as SkyHookRecord
+from dataclasses import replace
+
+from maglev_ctrl.scenario import OptionRecord, Scenario
+from maglev_ctrl.study.design.budget import with_budget
+from maglev_ctrl.study.design.make import make_law
 from maglev_ctrl.study.situation import VERIFICATION_ORDER, OptionModel, Situation
 from maglev_ctrl.synthesis.design import Design, verify
-from maglev_ctrl.synthesis.gaussian import SensorNoise
-from maglev_ctrl.synthesis.laws import design_lqg, design_lqr
-from maglev_ctrl.synthesis.skyhook import SkyHook, sky_hook
-from maglev_ctrl.synthesis.weights import InputWeight, OutputWeight
+
+
+def designed_option(scenario: Scenario, option: OptionRecord) -> tuple[OptionModel, Design | None]:
+    """The option's model with everything designed that its file leaves open: its dampers, its law, its schedule.
+
+    Raises
+    ------
+    ModelError : there is no equilibrium at the design point, or the law or the dampers do not exist
+    OutOfDomain : the forces are not known at a corner
+    ValueError : a weight or sensor does not fit the plant
+    """
+    model = with_budget(scenario, option)
+    design = design_law(scenario, option, model)
+    if design is not None and design.schedule is not None:
+        model = replace(model, schedule=design.schedule)
+    return model, design
 
 
 def design_law(scenario: Scenario, option: OptionRecord, model: OptionModel) -> Design | None:
@@ -22,32 +36,11 @@ def design_law(scenario: Scenario, option: OptionRecord, model: OptionModel) -> 
     Raises
     ------
     ModelError : there is no equilibrium at the design point, or the law does not exist
+    OutOfDomain : the forces are not known at a corner
     ValueError : a weight or sensor does not fit the plant
     """
-    law = control_law(scenario, option)
-    if law is None:
-        return None
-    design_point = Situation.of_design(scenario)
-    plant = model.plant(design_point, pade_order=0)
-    outputs = tuple(OutputWeight(name, allowed) for name, allowed in law.output_weights)
-    inputs = tuple(InputWeight(name, allowed) for name, allowed in law.input_weights)
-    record = law.record
-    match record:
-        case Lqr():
-            return design_lqr(plant, outputs, inputs, name=option.name)
-        case Lqg():
-            noise = tuple(SensorNoise(name, density) for name, density in law.noise)
-            return design_lqg(
-                plant, outputs, inputs, sensors=noise, disturbance=record.disturbance, name=option.name
-            )  # fmt: skip
-        case SkyHookRecord():
-            dampers = tuple(
-                SkyHook(actuator, velocity, damping=record.damping)
-                for actuator, velocity in zip(law.actuators, law.placed(record.sensor), strict=True)
-            )
-            return sky_hook(plant, dampers, name=option.name)
-        case _:
-            raise NotImplementedError(record.law)
+    made = make_law(scenario, option, model)
+    return None if made is None else made.design
 
 
 def delayed_certificate(model: OptionModel, design: Design) -> str:

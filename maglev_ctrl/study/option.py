@@ -14,7 +14,7 @@ from maglev_ctrl.errors import MaglevError, ModelError, NotStable, OutOfDomain
 from maglev_ctrl.scenario import OptionRecord, Scenario, describe_option
 from maglev_ctrl.study.delays import settled_modes
 from maglev_ctrl.study.evidence import Evidence, MarginPoint, SweepCheck
-from maglev_ctrl.study.law import delayed_certificate, design_law
+from maglev_ctrl.study.law import delayed_certificate, designed_option
 from maglev_ctrl.study.loops import nyquist_curves, option_loops, root_locus
 from maglev_ctrl.study.periodic import floquet_study
 from maglev_ctrl.study.records import FloquetStudy, NyquistCurve, OptionStudy, RootLocus, Sweep
@@ -36,8 +36,7 @@ def study_option(scenario: Scenario, option: OptionRecord, *, step: Step = lambd
     step : told what is being worked on
     """
     started = time.perf_counter()
-    model = OptionModel(scenario, option)
-    vehicle = model.vehicle()
+    vehicle = OptionModel(scenario, option).vehicle()
     blank = OptionStudy(
         name=option.name, label=option.label or option.name, kind=option.kind,
         summary=describe_option(scenario, option), vehicle=vehicle, failure="", equilibrium=None, system=None,
@@ -45,7 +44,7 @@ def study_option(scenario: Scenario, option: OptionRecord, *, step: Step = lambd
         floquet=None, floquet_reason="", requirements=(), notes=(), seconds=0.0,
     )  # fmt: skip
     try:
-        done = _study(model, option, blank, step)
+        done = _study(scenario, option, blank, step)
     except (MaglevError, ValueError, np.linalg.LinAlgError) as fault:
         reason = f"{fault}"
         refused = tuple(not_evaluated(requirement, reason) for requirement in scenario.requirements)
@@ -53,12 +52,12 @@ def study_option(scenario: Scenario, option: OptionRecord, *, step: Step = lambd
     return replace(done, seconds=time.perf_counter() - started)
 
 
-def _study(model: OptionModel, option: OptionRecord, blank: OptionStudy, step: Step) -> OptionStudy:
-    scenario = model.scenario
+def _study(scenario: Scenario, option: OptionRecord, blank: OptionStudy, step: Step) -> OptionStudy:
     point = Situation.of_design(scenario)
     step("equilibrium and control law")
+    model, design = designed_option(scenario, option)
+    blank = replace(blank, vehicle=model.vehicle())
     _, balanced = model.balance(point)
-    design = design_law(scenario, option, model)
     controller = design.controller if design else None
     notes = _notes(model, design)
     closed = model.closed_of(blank.vehicle, point, controller)
@@ -104,11 +103,12 @@ def _study(model: OptionModel, option: OptionRecord, blank: OptionStudy, step: S
 
 def _notes(model: OptionModel, design: Design | None) -> tuple[str, ...]:
     """What the reader must know about the law: its origin, its status, its certificate with delays."""
+    chosen = tuple(f"damping chosen by the budget: {name} {value / 1e3:.4g} kN s/m" for name, value in model.dampings)
     if design is None:
-        return ()
+        return chosen
     held = delayed_certificate(model, design)
     verdict = f"with actuator delays the certificate does not hold: {held}" if held else ""
-    return tuple(note for note in (*design.notes, verdict) if note)
+    return tuple(note for note in (*chosen, *design.notes, verdict) if note)
 
 
 def _checks(model: OptionModel, controller: Controller | None, one: Sweep) -> tuple[SweepCheck, ...]:

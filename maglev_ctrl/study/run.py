@@ -145,10 +145,10 @@ def _unstudied(scenario: Scenario, option: OptionRecord, reason: str) -> OptionS
     )  # fmt: skip
 
 
-def versions() -> tuple[tuple[str, str], ...]:
-    """Name and version of everything a result depends on."""
+def versions(further: tuple[str, ...] = ()) -> tuple[tuple[str, str], ...]:
+    """Name and version of everything a result depends on, `further` packages included."""
     found = [("maglev_ctrl", __version__), ("Python", platform.python_version()), ("platform", sys.platform)]
-    for package in PACKAGES:
+    for package in (*PACKAGES, *further):
         try:
             found.append((package, version(package)))
         except PackageNotFoundError:

@@ -44,12 +44,14 @@ class Situation:
 class OptionModel:
     """A scenario's vehicle with one option's elements (None: the bare vehicle), ready to be put into any situation.
 
-    With `schedule` the option's law follows an operating parameter.
+    With `schedule` the option's law follows an operating parameter. `dampings` (N s/m) take the place of what the file
+    gives some of its springs and dampers: those a damping budget has chosen.
     """
 
     scenario: Scenario
     option: OptionRecord | None
     schedule: ScheduledController | None = None
+    dampings: tuple[tuple[str, float], ...] = ()
 
     def law_at(self, situation: Situation, controller: Controller | None) -> Controller | None:
         """The control law in a situation: the schedule's where there is one, else the one given.
@@ -66,7 +68,13 @@ class OptionModel:
     def vehicle(self, payload: float | None = None) -> Vehicle:
         """The vehicle with the option's elements, at a payload (kg; None = the scenario's)."""
         bare = build_vehicle(self.scenario, payload=payload)
-        return bare if self.option is None else build_option(self.scenario, self.option, bare)
+        if self.option is None:
+            return bare
+        built, chosen = build_option(self.scenario, self.option, bare), dict(self.dampings)
+        if not chosen:
+            return built
+        connections = tuple(replace(c, damping=chosen.get(c.name, c.damping)) for c in built.connections)
+        return replace(built, connections=connections)
 
     def balance(self, situation: Situation) -> tuple[Vehicle, Equilibrium]:
         """The vehicle and its equilibrium in a situation.

@@ -16,10 +16,10 @@ from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.errors import ModelError
 from maglev_ctrl.scenario import Scenario, load
 from maglev_ctrl.study.forcing import periodic_system
-from maglev_ctrl.study.law import design_law
+from maglev_ctrl.study.law import design_law, designed_option
 from maglev_ctrl.study.map import option as option_module
 from maglev_ctrl.study.map.family import OptionFamily
-from maglev_ctrl.study.map.option import MERGED, designed, option_map
+from maglev_ctrl.study.map.option import MERGED, option_map
 from maglev_ctrl.study.map.request import MapRequest, map_request
 from maglev_ctrl.study.map.run import survey_estimate, survey_map
 from maglev_ctrl.study.map.store import FolderStore, MapFolder, map_key
@@ -46,7 +46,7 @@ def plane_of(scenario: Scenario, request: MapRequest, name: str) -> StabilityPla
 
 def family_of(scenario: Scenario, request: MapRequest, name: str) -> OptionFamily:
     record = next(option for option in scenario.options if option.name == name)
-    model, design = designed(scenario, record)
+    model, design = designed_option(scenario, record)
     return OptionFamily.of(model, None if design is None else design.controller, request)
 
 

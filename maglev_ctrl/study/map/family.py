@@ -12,7 +12,7 @@ from maglev_ctrl.errors import ModelError
 from maglev_ctrl.scenario import Scenario
 from maglev_ctrl.scenario.quantity_paths import DEPTH, GAIN, SITUATION, WAVELENGTH, ScenarioQuantity, with_quantity
 from maglev_ctrl.study.forcing import delays_are_short, element_parts, periodic_system, slowed_vehicle
-from maglev_ctrl.study.law import design_law
+from maglev_ctrl.study.law import designed_option
 from maglev_ctrl.study.map.request import MapRequest
 from maglev_ctrl.study.modulation import ScenarioModulation, modulation_of
 from maglev_ctrl.study.situation import OptionModel, Situation
@@ -154,11 +154,10 @@ class OptionFamily:
         option = self.model.option
         if option is not None:
             option = next(record for record in scenario.options if record.name == option.name)
-        model = OptionModel(scenario, option)
-        controller = self.controller
+        model, controller = replace(self.model, scenario=scenario, option=option), self.controller
         try:
             if option is not None and any(quantity.of_law for quantity, _ in changes):
-                design = design_law(scenario, option, model)
+                model, design = designed_option(scenario, option)
                 controller = None if design is None else design.controller
             return _Variant(model, controller, modulation_of(scenario))
         except (ValueError, np.linalg.LinAlgError) as error:

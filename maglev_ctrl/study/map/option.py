@@ -25,7 +25,7 @@ from maglev_ctrl.errors import MaglevError
 from maglev_ctrl.scenario import OptionRecord, Scenario, describe_option
 from maglev_ctrl.scenario.quantity_paths import DEPTH, SPEED
 from maglev_ctrl.study.floquet_margins import option_margins
-from maglev_ctrl.study.law import design_law
+from maglev_ctrl.study.law import designed_option
 from maglev_ctrl.study.map.family import OptionFamily
 from maglev_ctrl.study.map.records import OptionMap, PeriodicLawStudy
 from maglev_ctrl.study.map.request import MapRequest
@@ -45,18 +45,6 @@ NOT_ASKED = "not asked for"
 _FEW_HARMONICS = 2
 PLANE_SHARE = 0.7
 """Share of an option's progress that its plane takes."""
-
-
-def designed(scenario: Scenario, record: OptionRecord) -> tuple[OptionModel, Design | None]:
-    """The option and its law, designed at the scenario's own values.
-
-    Raises
-    ------
-    ModelError : there is no equilibrium at the design point, or the law does not exist
-    ValueError : a weight or sensor does not fit the plant
-    """
-    model = OptionModel(scenario, record)
-    return model, design_law(scenario, record, model)
 
 
 def option_map(
@@ -102,7 +90,7 @@ def _mapped(
     store: MapStore | None, tell: Tell,
 ) -> OptionMap:  # fmt: skip
     tell(f"{blank.label}: control law", 0.0)
-    model, design = designed(scenario, record)
+    model, design = designed_option(scenario, record)
     controller = None if design is None else design.controller
     family = OptionFamily.of(model, controller, request)
     plane = stability_plane(

@@ -19,8 +19,9 @@ from maglev_ctrl.kernels.radius_engines import radius_engine
 from maglev_ctrl.scenario import Scenario
 from maglev_ctrl.scenario.quantity_paths import DEPTH
 from maglev_ctrl.study.eddy_current import solve_forces
+from maglev_ctrl.study.law import designed_option
 from maglev_ctrl.study.map.family import OptionFamily
-from maglev_ctrl.study.map.option import PLANE_SHARE, designed, option_map, unmapped
+from maglev_ctrl.study.map.option import PLANE_SHARE, option_map, unmapped
 from maglev_ctrl.study.map.records import MapQuantity, MapStudy, OptionMap
 from maglev_ctrl.study.map.request import AxisRange, MapRequest
 from maglev_ctrl.study.map.store import FolderStore, MapFolder
@@ -97,7 +98,7 @@ def survey_estimate(scenario: Scenario, request: MapRequest, *, jobs: int = 1) -
     radius_engine(request.backend)
     scenario = solve_forces(scenario, jobs=jobs)
     record = next(option for option in scenario.options if option.name == request.options[0])
-    model, design = designed(scenario, record)
+    model, design = designed_option(scenario, record)
     family = OptionFamily.of(model, None if design is None else design.controller, request)
     with threadpool_limits(limits=1):
         one = estimate(

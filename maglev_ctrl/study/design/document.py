@@ -1,0 +1,151 @@
+"""Designs as one self-contained file: written from a study, read again, proved again without a solver."""
+
+from __future__ import annotations
+
+import difflib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from maglev_ctrl.errors import ModelError
+from maglev_ctrl.proofs.claims import Proof
+from maglev_ctrl.proofs.file import DesignFile, Schedule, from_document, recheck, to_document
+from maglev_ctrl.scenario import Scenario
+from maglev_ctrl.study.design.records import LawStudy
+from maglev_ctrl.systems import Controller
+
+FORMAT = "maglev_ctrl designs 1"
+SIZE_LIMIT = 256 * 2**20
+SAMPLED = "sampled"
+"""Key of `extra` that holds the laws as a computer runs them."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ProvedAgain:
+    """Proofs made again from a file; `reason` why there are none."""
+
+    proofs: tuple[Proof, ...]
+    reason: str = ""
+
+
+def design_document(scenario: Scenario, study: LawStudy) -> dict[str, Any] | None:
+    """One option's design as a document; None where there is no law."""
+    synthesis = study.synthesis
+    if synthesis is None or not synthesis.controllers:
+        return None
+    scheduled = study.schedule.schedule if study.schedule is not None else None
+    extra: dict[str, Any] = {"option": study.name, "label": study.label, "statements": [
+        {"statement": proof.statement, "proved": proof.holds, "margin": proof.margin} for proof in synthesis.proofs
+    ]}  # fmt: skip
+    if study.sampled is not None:
+        held = DesignFile(study.name, study.law, (), study.sampled.controllers, ())
+        extra[SAMPLED] = {"period": study.sampled.period, "controllers": to_document(held)["controllers"]}
+    return to_document(DesignFile(
+        name=study.name, law=study.law, plants=synthesis.plants, controllers=synthesis.controllers,
+        claims=synthesis.claims,
+        scenario={"title": scenario.title, "path": scenario.path.name, "hash": scenario.hash, "text": scenario.text},
+        schedule=None if scheduled is None else
+        Schedule(scheduled.parameter, scheduled.unit, tuple(float(x) for x in scheduled.nodes)),
+        performance=tuple(
+            {"quantity": one.quantity, "unit": one.unit, "recomputed": one.recomputed,
+             "reported": one.reported if np.isfinite(one.reported) else None}
+            for one in synthesis.performance
+        ),
+        notes=synthesis.notes, extra=extra,
+    ))  # fmt: skip
+
+
+def designs_text(documents: Sequence[dict[str, Any]], *, created: str, versions: Sequence[tuple[str, str]]) -> str:
+    """The documents of a study as the text of one JSON file; floats are written so that they read back the same."""
+    dated = [{**one, "created": created, "versions": dict(versions)} for one in documents]
+    return json.dumps({"format": FORMAT, "designs": dated}, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def load_designs(path: Path) -> tuple[DesignFile, ...]:
+    """The designs of a file.
+
+    Raises
+    ------
+    ModelError : no such file, not JSON, not of this format, or a part of it is wrong; one sentence with the place
+    """
+    try:
+        if path.is_file() and path.stat().st_size > SIZE_LIMIT:
+            raise ModelError(f"{path}: expected a design file of at most 256 MiB")
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        near = difflib.get_close_matches(path.name, [one.name for one in _beside(path)], n=1)
+        raise ModelError(f"{path}: no such file" + (f'; did you mean "{near[0]}"?' if near else "")) from None
+    except (OSError, ValueError) as fault:
+        reason = getattr(fault, "strerror", None) or "expected UTF-8 text"
+        raise ModelError(f"{path}: cannot be read: {reason}") from None
+    try:
+        data = json.loads(text)
+    except (ValueError, RecursionError) as fault:
+        line = getattr(fault, "lineno", 0)
+        raise ModelError(f"{path}:{line}: expected JSON as `design` writes it: {fault}") from None
+    if not isinstance(data, dict) or data.get("format") != FORMAT or not isinstance(data.get("designs"), list):
+        raise ModelError(f'{path}: expected a file made by `design` (format "{FORMAT}")')
+    found: list[DesignFile] = []
+    for position, one in enumerate(data["designs"]):
+        try:
+            found.append(from_document(one))
+        except (ModelError, ValueError) as fault:
+            raise ModelError(f"{path}: designs[{position}]: {fault}") from None
+    if not found:
+        raise ModelError(f"{path}: the file holds no design")
+    return tuple(found)
+
+
+def pick(designs: Sequence[DesignFile], name: str | None, *, file: Path) -> DesignFile:
+    """The design of a name, or the only one.
+
+    Raises
+    ------
+    ModelError : no design has this name, or there are several and none was named
+    """
+    names = [one.name for one in designs]
+    if name is None:
+        if len(designs) > 1:
+            raise ModelError(f"{file}: the file holds several designs; choose one with --option: {', '.join(names)}")
+        return designs[0]
+    if name not in names:
+        near = difflib.get_close_matches(name, names, n=1)
+        advice = f'did you mean "{near[0]}"?' if near else f"the designs are {', '.join(names)}"
+        raise ModelError(f'{file}: --option: no design is called "{name}"; {advice}')
+    return designs[names.index(name)]
+
+
+def prove_again(design: DesignFile) -> ProvedAgain:
+    """Every claim of a design proved again from its numbers; a design without claims proves nothing."""
+    if not design.claims:
+        return ProvedAgain((), "there is nothing to prove")
+    return ProvedAgain(recheck(design))
+
+
+def sampled_controllers(design: DesignFile) -> tuple[float, tuple[Controller, ...]] | None:
+    """The sampled laws a design file holds and their period in s; None where it holds none.
+
+    Raises
+    ------
+    ModelError : what it holds is not a law
+    """
+    held = design.extra.get(SAMPLED)
+    if not isinstance(held, dict):
+        return None
+    empty = to_document(replace(design, plants=(), controllers=(), claims=(), schedule=None, extra={}))
+    laws = from_document({**empty, "controllers": held.get("controllers")}).controllers
+    period = held.get("period")
+    if not isinstance(period, int | float) or not laws or any(law.dt != period for law in laws):
+        raise ModelError(f"extra.{SAMPLED}: expected laws and their sampling period")
+    return float(period), laws
+
+
+def _beside(path: Path) -> list[Path]:
+    try:
+        return list(path.parent.iterdir())
+    except OSError:
+        return []

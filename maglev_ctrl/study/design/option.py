@@ -1,0 +1,86 @@
+"""The recipe for one option's law, from its record to its proved, sampled and documented design."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from maglev_ctrl.analysis.margins import Margins, loop_margins
+from maglev_ctrl.errors import MaglevError, ModelError, Status
+from maglev_ctrl.scenario import OptionRecord, Scenario, describe_option
+from maglev_ctrl.study.design.budget import budgeted
+from maglev_ctrl.study.design.document import design_document
+from maglev_ctrl.study.design.evaluate import corner_poles, gain_curve, sampled_law
+from maglev_ctrl.study.design.make import MadeLaw, make_law
+from maglev_ctrl.study.design.manoeuvre import predictive_study
+from maglev_ctrl.study.design.records import LawStudy
+from maglev_ctrl.study.law import delayed_certificate
+from maglev_ctrl.study.loops import option_loops
+from maglev_ctrl.study.situation import OptionModel, Situation
+
+
+def study_law(scenario: Scenario, option: OptionRecord) -> LawStudy:
+    """Everything about one option's law; what has no answer is recorded with its reason, never dropped."""
+    started = time.perf_counter()
+    blank = lost_law(scenario, option, "")
+    try:
+        if option.control is None:
+            done = budgeted(scenario, option, blank)
+        else:
+            done = _controlled(scenario, option, blank)
+        done = replace(done, document=design_document(scenario, done))
+    except (MaglevError, ValueError, np.linalg.LinAlgError) as fault:
+        done = replace(blank, failure=f"{fault}", status=Status.INFEASIBLE)
+    return replace(done, seconds=time.perf_counter() - started)
+
+
+def lost_law(scenario: Scenario, option: OptionRecord, reason: str) -> LawStudy:
+    """The record of an option whose law does not exist, for a reason."""
+    summary = describe_option(scenario, option)
+    return LawStudy(
+        name=option.name, label=option.label or option.name, kind=option.kind, summary=summary,
+        law=summary[-1] if option.control is not None else "passive dampers of least cost", failure=reason,
+        status=Status.NUMERICAL_ERROR, design=None, synthesis=None, corners=(), region=None, gain=None, margins=None,
+        margins_reason="", delays="", sampled=None, schedule=None, budget=None, predictive=None, document=None,
+        notes=(), seconds=0.0,
+    )  # fmt: skip
+
+
+def _controlled(scenario: Scenario, option: OptionRecord, blank: LawStudy) -> LawStudy:
+    model = OptionModel(scenario, option)
+    made = make_law(scenario, option, model)
+    if made is None:
+        raise ModelError("the option has no control law")
+    design = made.design
+    if design.schedule is not None:
+        model = replace(model, schedule=design.schedule)
+    margins, reason = _margins(model, made)
+    synthesis = design.synthesis
+    assert option.control is not None
+    period = option.control.sampling_period
+    return replace(
+        blank,
+        status=design.status,
+        design=design,
+        synthesis=synthesis,
+        corners=corner_poles(model, made.corners, design),
+        region=made.region,
+        gain=None if synthesis is None else gain_curve(synthesis),
+        margins=margins,
+        margins_reason=reason,
+        delays=delayed_certificate(model, design),
+        sampled=None if period is None or synthesis is None else sampled_law(synthesis, design, period),
+        schedule=made.scheduled,
+        predictive=None if made.predictive is None else predictive_study(scenario, option, made.predictive),
+        notes=design.notes,
+    )  # fmt: skip
+
+
+def _margins(model: OptionModel, made: MadeLaw) -> tuple[Margins | None, str]:
+    try:
+        loops = option_loops(model, Situation.of_design(model.scenario), made.design.controller)
+        return (loop_margins(loops.loop()), "") if loops else (None, "there is no loop to break")
+    except (MaglevError, np.linalg.LinAlgError) as fault:
+        return None, f"{fault}"
