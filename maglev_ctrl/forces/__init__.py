@@ -1,10 +1,11 @@
-"""Magnetic forces of one magnet over a guideway: image force, tables, matrices, forced-oscillation coefficients."""
+"""Magnetic forces of one magnet over a guideway: image force, electromagnets, tables, matrices."""
 
 from __future__ import annotations
 
 from maglev_ctrl.forces.base import AbstractForceModel, Domain, MagnetDerivatives, MagnetForces
 from maglev_ctrl.forces.coefficients import Coefficients, CoefficientTable
 from maglev_ctrl.forces.corner_image import CornerImageForce
+from maglev_ctrl.forces.electromagnet import Circuit, Electromagnet, circuit
 from maglev_ctrl.forces.image import (
     ImageForce,
     characteristic_speed,
@@ -19,10 +20,12 @@ from maglev_ctrl.forces.unsteady import OscillationCoefficients, coefficients_fr
 
 __all__ = [
     "AbstractForceModel",
+    "Circuit",
     "CoefficientTable",
     "Coefficients",
     "CornerImageForce",
     "Domain",
+    "Electromagnet",
     "FitQuality",
     "ImageForce",
     "MagnetDerivatives",
@@ -30,6 +33,7 @@ __all__ = [
     "OscillationCoefficients",
     "TabulatedForce",
     "characteristic_speed",
+    "circuit",
     "coefficients_from_oscillation",
     "drag_ratio",
     "drag_ratio_slope",

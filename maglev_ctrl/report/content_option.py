@@ -20,6 +20,7 @@ from maglev_ctrl.report.model import Banner, Block, Bullets, Cell, FigureBlock, 
 from maglev_ctrl.report.style import ABSENT, ALPHA, number
 from maglev_ctrl.report.values import margin_words, reason_words, value_words
 from maglev_ctrl.study.records import Comparison, FloquetStudy, OptionStudy, Sweep
+from maglev_ctrl.vehicle import magnet_circuits
 from maglev_ctrl.vehicle.operating import Hold
 
 _MOST_MODES = 12
@@ -109,6 +110,14 @@ def _equilibrium_table(option: OptionStudy) -> Table:
     ]
     if gaps.size and np.isfinite(gaps).any():
         rows.insert(2, row("Guidance gaps", _range(gaps * 1e3, "mm")))
+    windings = magnet_circuits(option.vehicle, found)
+    if windings:
+        power = sum(magnet.count * windings[magnet.name].power for magnet in option.vehicle.magnets)
+        rows += [
+            row("Standing currents of the windings", _range(np.array([one.current for one in windings.values()]), "A")),
+            row("Standing voltages of the windings", _range(np.array([one.voltage for one in windings.values()]), "V")),
+            row("Heat in all windings", number(power / 1e3, "kW")),
+        ]
     return Table(
         f"Equilibrium of {option.label} at the design point", ("Quantity", "Value"), tuple(rows), (1.2, 1.0), (1,)
     )

@@ -9,8 +9,15 @@ import numpy as np
 
 from maglev_ctrl.forces import AbstractForceModel, CoefficientTable, ImageForce, TabulatedForce
 from maglev_ctrl.forces.corner_image import CornerImageForce
+from maglev_ctrl.forces.electromagnet import Electromagnet
 from maglev_ctrl.scenario.eddy_current import UnsolvedForce, domain_of
-from maglev_ctrl.scenario.force_schema import CoefficientForces, CornerImageForces, ImageForces, TableForces
+from maglev_ctrl.scenario.force_schema import (
+    CoefficientForces,
+    CornerImageForces,
+    ElectromagnetForces,
+    ImageForces,
+    TableForces,
+)
 from maglev_ctrl.scenario.force_table import ForceSamples
 from maglev_ctrl.scenario.guideway_schema import EddyCurrentForces
 from maglev_ctrl.scenario.layout import (
@@ -22,7 +29,7 @@ from maglev_ctrl.scenario.layout import (
     place_sensor,
     secondary_places,
 )
-from maglev_ctrl.scenario.option_schema import OptionRecord
+from maglev_ctrl.scenario.option_schema import OptionRecord, SensorRecord
 from maglev_ctrl.scenario.scenario_schema import Scenario
 from maglev_ctrl.scenario.vehicle_schema import Bogie, Car, DoubleL, TwoStage
 from maglev_ctrl.vehicle import (
@@ -115,13 +122,19 @@ def build_option(scenario: Scenario, option: OptionRecord, vehicle: Vehicle) -> 
     sensors = tuple(
         Sensor(
             place.name, sensor.kind,
-            body=place.body, to=place.to, position=(place.x, 0.0, 0.0), direction=_DIRECTIONS[sensor.direction],
-            noise=sensor.noise or 0.0,
+            body=place.body, to=place.to, position=(place.x, 0.0, 0.0), direction=_measured(sensor, vehicle),
+            noise=sensor.noise or 0.0, magnet=place.magnet,
         )
         for sensor in option.sensors
         for place in place_sensor(sensor, here)
     )  # fmt: skip
     return vehicle.with_elements(connections=connections, actuators=actuators, sensors=sensors)
+
+
+def _measured(sensor: SensorRecord, vehicle: Vehicle) -> tuple[float, float, float]:
+    """Direction a sensor measures along; the gap under a rail is measured downwards, so that it reads the gap."""
+    x, y, z = _DIRECTIONS[sensor.direction]
+    return (x, y, -z) if sensor.kind == "gap" and vehicle.hangs else (x, y, z)
 
 
 def _inertia(body: Car | Bogie) -> tuple[float, float, float]:
@@ -131,15 +144,18 @@ def _inertia(body: Car | Bogie) -> tuple[float, float, float]:
 def _magnets(scenario: Scenario, here: Layout) -> tuple[Magnet, ...]:
     if isinstance(scenario.forces, CoefficientForces) or not here.magnets:
         return ()
-    force = _magnet_force(scenario, scenario.forces, sum(magnet.count for magnet in here.magnets))
+    each = scenario.forces.count if isinstance(scenario.forces, ElectromagnetForces) else 1
+    force = _magnet_force(scenario, scenario.forces, each * sum(magnet.count for magnet in here.magnets))
     return tuple(
-        Magnet(m.name, m.body, force=force, position=m.position, side=_SIDES[m.side], count=m.count)
+        Magnet(m.name, m.body, force=force, position=m.position, side=_SIDES[m.side], count=each * m.count)
         for m in here.magnets
     )
 
 
 def _magnet_force(
-    scenario: Scenario, forces: ImageForces | CornerImageForces | EddyCurrentForces | TableForces, count: float
+    scenario: Scenario,
+    forces: ImageForces | CornerImageForces | EddyCurrentForces | ElectromagnetForces | TableForces,
+    count: float,
 ) -> AbstractForceModel:
     """Force of one magnet; unless the file fixes its strength, `count` of them lift the weight at the design point."""
     operating = scenario.operating
@@ -174,6 +190,19 @@ def _magnet_force(
             if lift <= 0.0:
                 raise ValueError(f"forces.coil: expected a lift above zero at the design point, got {lift:.6g} N")
             return solved.scaled(share / lift)
+        case ElectromagnetForces():
+            if forces.current is not None:
+                magnet = Electromagnet(
+                    forces.current, turns=forces.turns, pole_area=forces.pole_area, resistance=forces.resistance,
+                    leakage=forces.leakage, iron_gap=forces.iron_gap, flux_limit=forces.flux_limit, drive=forces.drive,
+                )  # fmt: skip
+                magnet.require_unsaturated(operating.height)
+                return magnet
+            return Electromagnet.for_lift(
+                share, operating.height, turns=forces.turns, pole_area=forces.pole_area,
+                resistance=forces.resistance, leakage=forces.leakage, iron_gap=forces.iron_gap,
+                flux_limit=forces.flux_limit, drive=forces.drive,
+            )  # fmt: skip
         case TableForces():
             if scenario.force_samples is None:
                 raise ValueError("force_samples: the scenario's force table has not been read")

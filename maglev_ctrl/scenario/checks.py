@@ -6,7 +6,14 @@ from collections.abc import Iterator, Sequence
 
 from maglev_ctrl.scenario.checks_options import NEGATIVE_DAMPING, option_faults
 from maglev_ctrl.scenario.eddy_current import eddy_current_faults
-from maglev_ctrl.scenario.force_schema import CoefficientForces, CornerImageForces, ImageForces, TableForces
+from maglev_ctrl.scenario.electromagnet import electromagnet_faults
+from maglev_ctrl.scenario.force_schema import (
+    CoefficientForces,
+    CornerImageForces,
+    ElectromagnetForces,
+    ImageForces,
+    TableForces,
+)
 from maglev_ctrl.scenario.guideway_schema import EddyCurrentForces
 from maglev_ctrl.scenario.layout import BOGIES, CAR, GUIDEWAY, Layout, command_dimensions, layout
 from maglev_ctrl.scenario.periodic_sources import periodic_faults
@@ -111,6 +118,8 @@ def _force_faults(scenario: Scenario, here: Layout) -> Iterator[Fault]:
                 yield Fault(("forces", "model"), "corner_image forces need magnets that face a guidance wall")
         case EddyCurrentForces():
             yield from eddy_current_faults(scenario, here)
+        case ElectromagnetForces():
+            yield from electromagnet_faults(scenario)
         case TableForces():
             pass
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from maglev_ctrl.scenario.checks_control import Commands, budget_faults, control_faults
+from maglev_ctrl.scenario.electromagnet import current_sensor_faults
 from maglev_ctrl.scenario.layout import (
     BOGIES,
     GUIDEWAY,
@@ -36,10 +37,11 @@ def option_faults(option: OptionRecord, here: Layout, *, commands: Commands, pat
     """
     ends = list(_end_faults(option, here, path=path))
     yield from ends
-    yield from _kind_faults(option, path=path)
+    yield from _kind_faults(option, commands, path=path)
     if ends:
         return
-    yield from _name_faults(option, here, path=path)
+    yield from _name_faults(option, here, commands, path=path)
+    yield from current_sensor_faults(option, commands, path=path)
     yield from _effect_faults(option, path=path)
     yield from budget_faults(option, path=path)
     if option.control is None:
@@ -84,7 +86,7 @@ def _end_faults(option: OptionRecord, here: Layout, *, path: KeyPath) -> Iterato
             yield Fault((*spot, "to"), "expected another body than the one it is on")
 
 
-def _kind_faults(option: OptionRecord, *, path: KeyPath) -> Iterator[Fault]:
+def _kind_faults(option: OptionRecord, commands: Commands, *, path: KeyPath) -> Iterator[Fault]:
     passive, active, attachment = _KINDS[option.kind]
     if option.spring_dampers and not passive:
         yield Fault(
@@ -92,7 +94,10 @@ def _kind_faults(option: OptionRecord, *, path: KeyPath) -> Iterator[Fault]:
         )
     if option.actuators and not active:
         yield Fault((*path, "actuator"), f'a "{option.kind}" option has no actuator; did you mean "combined"?')
-    if (passive or active) and not (option.spring_dampers or option.actuators):
+    driven = bool(commands) and option.control is not None
+    if driven and not option.actuators and (not active or attachment == "secondary"):
+        yield Fault((*path, "kind"), f'a "{option.kind}" option drives no magnet; did you mean "active_primary"?')
+    elif (passive or active) and not (option.spring_dampers or option.actuators or driven):
         wanted = "spring_damper" if passive else "actuator"
         yield Fault((*path, wanted), f'missing; a "{option.kind}" option expects at least one')
     for key, index, element in _elements(option):
@@ -102,9 +107,9 @@ def _kind_faults(option: OptionRecord, *, path: KeyPath) -> Iterator[Fault]:
             yield Fault((*path, key, index, "between"), f'expected {expected} in a "{option.kind}" option')
 
 
-def _name_faults(option: OptionRecord, here: Layout, *, path: KeyPath) -> Iterator[Fault]:
+def _name_faults(option: OptionRecord, here: Layout, commands: Commands, *, path: KeyPath) -> Iterator[Fault]:
     used: dict[str, str] = dict.fromkeys(here.body_names, "a body")
-    used |= dict.fromkeys((magnet.name for magnet in here.magnets), "a magnet")
+    used |= dict.fromkeys((*(magnet.name for magnet in here.magnets), *commands), "a magnet")
     used |= dict.fromkeys((*here.springs, "secondary"), "the secondary suspension")
     used |= dict.fromkeys(("aerodynamics", "magnet_gap", "geometry", GUIDEWAY, BOGIES), "a built-in part")
     placed = [

@@ -11,7 +11,18 @@ from pydantic_core import PydanticCustomError, core_schema
 
 from maglev_ctrl.scenario.guideway_schema import EddyCurrentForces
 from maglev_ctrl.scenario.records import Many, Record
-from maglev_ctrl.scenario.units import Conductivity, Current, PositiveLength, PositiveRatio, Speed
+from maglev_ctrl.scenario.units import (
+    Area,
+    Conductivity,
+    Current,
+    FluxDensity,
+    Inductance,
+    NonnegativeLength,
+    PositiveLength,
+    PositiveRatio,
+    Resistance,
+    Speed,
+)
 
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
@@ -98,6 +109,30 @@ class TableForces(Record):
     trim_to_weight: bool = Field(True, description="scale all forces so that the magnets lift the weight")
 
 
+class ElectromagnetForces(Record):
+    """Attractive electromagnets that hang under a rail (EMS): unstable until a control law drives them.
+
+    operating.height is their air gap, from pole face to rail; it closes when the vehicle rises.
+    """
+
+    model: Literal["electromagnet"]
+    turns: int = Field(gt=0, le=100_000, description="turns of one winding")
+    pole_area: Area = Field(description="area of one pole face; the flux crosses two of them")
+    resistance: Resistance = Field(description="resistance of one winding")
+    leakage: Inductance = Field(0.0, description="inductance of the flux that misses the rail; it adds no force")
+    iron_gap: NonnegativeLength = Field(
+        0.0, description="length of the flux path in iron over the iron's relative permeability"
+    )
+    flux_limit: FluxDensity | None = Field(
+        None, description="flux density in the gap at which the iron saturates; above it the study refuses"
+    )
+    drive: Literal["voltage", "current"] = Field(
+        "voltage", description="what a control law commands: the voltage of a winding, or its current"
+    )
+    count: int = Field(1, gt=0, le=1000, description="electromagnets in one magnet of the vehicle, wired alike")
+    current: Current | None = Field(None, description="standing current of a winding; left out, it lifts the weight")
+
+
 class CoefficientForces(Record):
     """Measured matrices of mass, damping and stiffness of one body's six freedoms, about its CM, in SI units."""
 
@@ -115,5 +150,6 @@ class CoefficientForces(Record):
 
 
 ForceRecord = Annotated[
-    ImageForces | CornerImageForces | EddyCurrentForces | TableForces | CoefficientForces, Field(discriminator="model")
+    ImageForces | CornerImageForces | EddyCurrentForces | ElectromagnetForces | TableForces | CoefficientForces,
+    Field(discriminator="model"),
 ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import assert_never
 
+from maglev_ctrl.scenario.force_schema import ElectromagnetForces
 from maglev_ctrl.scenario.option_schema import ActuatorRecord, OptionRecord, SensorRecord, SpringDamperRecord
 from maglev_ctrl.scenario.scenario_schema import Scenario
 from maglev_ctrl.scenario.units import Dimensions, dimensions_of
@@ -35,12 +36,16 @@ class MagnetPlace:
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """One element of the option on one place: `to` is None for an absolute measurement."""
+    """One element of the option on one place: `to` is None for an absolute measurement.
+
+    `magnet`: whose current is measured.
+    """
 
     name: str
     body: str
     to: str | None
     x: float
+    magnet: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,7 +169,14 @@ def place_element(element: SpringDamperRecord | ActuatorRecord, here: Layout) ->
 
 
 def place_sensor(sensor: SensorRecord, here: Layout) -> tuple[Placement, ...]:
-    """Where a sensor stands; one per bogie when it is on, at, or measures to "bogies"."""
+    """Where a sensor stands; one per bogie when it is on, at, or measures to "bogies", one per magnet for currents."""
+    if sensor.kind == "current":
+        carriers = tuple(dict(here.bogies)) if sensor.on == BOGIES else (sensor.on,)
+        return tuple(
+            Placement(f"{sensor.name}_{magnet.name}", magnet.body, None, magnet.position[0], magnet.name)
+            for magnet in here.magnets
+            if magnet.body in carriers
+        )
     target = sensor.to if sensor.kind == "stroke" else GUIDEWAY if sensor.kind == "gap" else None
     place = sensor.at
     if BOGIES in (sensor.on, sensor.at, target):
@@ -205,7 +217,9 @@ def outputs_of(option: OptionRecord, here: Layout) -> dict[str, tuple[Dimensions
             for name, meant in ((group, members), *((member, (member,)) for member in members)):
                 known[f"{name}.{ending}"] = (dimensions, tuple(f"{one}.{ending}" for one in meant))
     for sensor in option.sensors:
-        dimensions = {"velocity": speed, "acceleration": acceleration}.get(sensor.kind, length)
+        dimensions = {"velocity": speed, "acceleration": acceleration, "current": dimensions_of("A")}.get(
+            sensor.kind, length
+        )
         members = tuple(placement.name for placement in place_sensor(sensor, here))
         for name, meant in ((sensor.name, members), *((member, (member,)) for member in members)):
             known[name] = (dimensions, meant)
@@ -220,5 +234,23 @@ def design_mass(scenario: Scenario, *, payload: float | None = None) -> float:
 
 
 def command_dimensions(scenario: Scenario) -> dict[str, tuple[Dimensions, tuple[str, ...]]]:
-    """Commands of the bare vehicle's electromagnets: names a law may drive, their dimensions, and the inputs meant."""
-    return {}
+    """Commands of the bare vehicle's electromagnets: names a law may drive, their dimensions, and the inputs meant.
+
+    "magnet" stands for all of them, "<bogie>_magnet" for those of a bogie; empty without electromagnets.
+    """
+    forces, vehicle = scenario.forces, scenario.vehicle
+    if not isinstance(forces, ElectromagnetForces):
+        return {}
+    dimensions = dimensions_of("V" if forces.drive == "voltage" else "A")
+    magnets = layout(vehicle).magnets
+    groups = {"magnet": magnets}
+    if isinstance(vehicle, TwoStage):
+        groups |= {
+            f"{bogie.name}_magnet": tuple(magnet for magnet in magnets if magnet.body == bogie.name)
+            for bogie in vehicle.bogies
+        }
+    groups |= {magnet.name: (magnet,) for magnet in magnets}
+    return {
+        name: (dimensions, tuple(f"{magnet.name}.{forces.drive}" for magnet in members))
+        for name, members in groups.items()
+    }

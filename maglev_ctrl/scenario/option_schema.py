@@ -14,6 +14,7 @@ from maglev_ctrl.scenario.units import (
     LENGTH,
     AccelerationNoise,
     Bandwidth,
+    CurrentNoise,
     Damping,
     Force,
     Length,
@@ -96,7 +97,7 @@ class _SensorBase(Record):
 
 
 class GapSensor(_SensorBase):
-    """Distance to the guideway."""
+    """Distance to the guideway; under a rail it shrinks where the vehicle rises."""
 
     kind: Literal["gap"]
     noise: LengthNoise | None = Field(None, description="noise density; the LQG filter needs it")
@@ -124,7 +125,16 @@ class AccelerationSensor(_SensorBase):
     noise: AccelerationNoise | None = Field(None, description="noise density; the LQG filter needs it")
 
 
-SensorRecord = Annotated[GapSensor | StrokeSensor | VelocitySensor | AccelerationSensor, Field(discriminator="kind")]
+class CurrentSensor(_SensorBase):
+    """Current of each electromagnet on a body, driven by voltage; one per magnet, called <name>_<magnet>."""
+
+    kind: Literal["current"]
+    noise: CurrentNoise | None = Field(None, description="noise density; the LQG filter needs it")
+
+
+SensorRecord = Annotated[
+    GapSensor | StrokeSensor | VelocitySensor | AccelerationSensor | CurrentSensor, Field(discriminator="kind")
+]
 
 
 class OptionRecord(Record):

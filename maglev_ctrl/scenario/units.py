@@ -37,7 +37,8 @@ _WORDS = {"tonne": "t", "tonnes": "t", "kilogram": "kg", "metre": "m", "millimet
 _COMMON = (
     "m", "mm", "cm", "km", "um", "kg", "g", "t", "s", "ms", "us", "min", "h", "m/s", "km/h", "N", "kN", "MN", "N/m",
     "kN/m", "MN/m", "N*s/m", "kN*s/m", "kg*m^2", "t*m^2", "S/m", "MS/m", "A", "kA", "Hz", "rad/s", "rad", "deg", "1/s",
-    "m/s^2", "m/s^2/Hz^0.5", "m/s/Hz^0.5", "m/Hz^0.5",
+    "m/s^2", "m/s^2/Hz^0.5", "m/s/Hz^0.5", "m/Hz^0.5", "V", "kV", "ohm", "mohm", "H", "mH", "T", "m^2", "cm^2",
+    "A/Hz^0.5",
 )  # fmt: skip
 
 
@@ -369,9 +370,16 @@ _LENGTH_NOISE = Unit("a length noise density", "m/Hz^0.5", "0.01 mm/Hz^0.5", "po
 _SPEED_NOISE = Unit("a velocity noise density", "m/s/Hz^0.5", "1 mm/s/Hz^0.5", "positive")
 _ACCELERATION_NOISE = Unit("an acceleration noise density", "m/s^2/Hz^0.5", "0.01 m/s^2/Hz^0.5", "positive")
 _ANGULAR_ACCELERATION = Unit("an angular acceleration", "rad/s^2", "0.1 rad/s^2")
+_AREA = Unit("an area", "m^2", "0.1 m^2", "positive")
+_VOLTAGE = Unit("a voltage", "V", "50 V")
+_RESISTANCE = Unit("a resistance", "ohm", "4 ohm", "nonnegative")
+_INDUCTANCE = Unit("an inductance", "H", "50 mH", "nonnegative")
+_FLUX_DENSITY = Unit("a flux density", "T", "1.2 T", "positive")
+_CURRENT_NOISE = Unit("a current noise density", "A/Hz^0.5", "10 mA/Hz^0.5", "positive")
 KINDS = (
     LENGTH, _MASS, _INERTIA, _TIME, _SPEED, _FORCE, _STIFFNESS, _DAMPING, _CONDUCTIVITY, _CURRENT, _BANDWIDTH,
     _ACCELERATION, _LENGTH_NOISE, _SPEED_NOISE, _ACCELERATION_NOISE, _ANGULAR_ACCELERATION,
+    _AREA, _VOLTAGE, _RESISTANCE, _INDUCTANCE, _FLUX_DENSITY, _CURRENT_NOISE,
 )  # fmt: skip
 
 Length = Annotated[float, LENGTH]
@@ -397,6 +405,11 @@ Acceleration = Annotated[float, _ACCELERATION]
 LengthNoise = Annotated[float, _LENGTH_NOISE]
 SpeedNoise = Annotated[float, _SPEED_NOISE]
 AccelerationNoise = Annotated[float, _ACCELERATION_NOISE]
+Area = Annotated[float, _AREA]
+Resistance = Annotated[float, _RESISTANCE]
+Inductance = Annotated[float, _INDUCTANCE]
+FluxDensity = Annotated[float, _FLUX_DENSITY]
+CurrentNoise = Annotated[float, _CURRENT_NOISE]
 AnyQuantity = Annotated[Quantity, _AnyUnit()]
 Ratio = Annotated[float, _Plain()]
 PositiveRatio = Annotated[float, _Plain("positive")]

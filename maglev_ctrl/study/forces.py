@@ -6,10 +6,17 @@ from typing import assert_never
 
 from maglev_ctrl.fields.section import CrossSection
 from maglev_ctrl.forces import Domain, FitQuality, MagnetForces, TabulatedForce
+from maglev_ctrl.forces.electromagnet import Electromagnet, circuit
 from maglev_ctrl.forces.force_map import ForceMap
 from maglev_ctrl.scenario import Scenario
 from maglev_ctrl.scenario.eddy_current import section_of
-from maglev_ctrl.scenario.force_schema import CoefficientForces, CornerImageForces, ImageForces, TableForces
+from maglev_ctrl.scenario.force_schema import (
+    CoefficientForces,
+    CornerImageForces,
+    ElectromagnetForces,
+    ImageForces,
+    TableForces,
+)
 from maglev_ctrl.scenario.guideway_schema import EddyCurrentForces
 from maglev_ctrl.vehicle import Vehicle
 
@@ -27,6 +34,8 @@ def describe_forces(scenario: Scenario, vehicle: Vehicle) -> tuple[str, ...]:
             return ("Coil in a perfectly conducting corner: the limit of infinite speed, conservative, no drag.",)
         case EddyCurrentForces():
             return _eddy_current(forces, vehicle)
+        case ElectromagnetForces():
+            return _electromagnet(scenario, vehicle)
         case CoefficientForces():
             return ("Magnetic mass, damping and stiffness matrices as given (Eq. 11).",)
         case TableForces():
@@ -60,6 +69,28 @@ def _eddy_current(forces: EddyCurrentForces, vehicle: Vehicle) -> tuple[str, ...
     for model in (magnet.force for magnet in vehicle.magnets[:1]):
         if isinstance(model, ForceMap):
             lines += [map_words(model), domain_words(model.domain)]
+    return tuple(lines)
+
+
+def _electromagnet(scenario: Scenario, vehicle: Vehicle) -> tuple[str, ...]:
+    """The magnets and what they need at the design point, as they are sized there."""
+    height, lines = scenario.operating.height, []
+    for magnet in vehicle.magnets[:1]:
+        if isinstance(magnet.force, Electromagnet):
+            one = circuit(magnet.force, height)
+            windings = sum(each.count for each in vehicle.magnets)
+            power = windings * one.power
+            lift = windings * one.force / vehicle.gravity
+            lines = [
+                f"Attractive electromagnets under a rail, driven by {magnet.force.drive}; heights are their air gaps, "
+                "which close where the vehicle rises. No fringing, no drag, no lateral force.",
+                f"At {height * 1e3:.4g} mm each of {windings:g} windings carries {one.current:.4g} A at "
+                f"{one.voltage:.4g} V, with {float(magnet.force.flux_density(height)):.3g} T in the gap and "
+                f"{one.inductance * 1e3:.4g} mH; together {power / 1e3:.4g} kW, {power / lift:.3g} W per kg lifted.",
+                f"Force per current {one.force_by_current:.4g} N/A, which is also the voltage per speed; stiffness "
+                f"{-one.force_by_closing / 1e6:.4g} MN/m per winding: a gap that opens loses force.",
+                "A force table knows no rail: read as one, these forces would float over a guideway.",
+            ]
     return tuple(lines)
 
 

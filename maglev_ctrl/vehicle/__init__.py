@@ -2,6 +2,7 @@
 
 from maglev_ctrl.vehicle import models
 from maglev_ctrl.vehicle.assembly import ElementModulation, element_modulation, linearize, stiffness_modulation
+from maglev_ctrl.vehicle.circuits import magnet_circuits
 from maglev_ctrl.vehicle.elements import (
     DOF_NAMES,
     GUIDEWAY,
@@ -38,6 +39,7 @@ __all__ = [
     "equilibrium",
     "generalized_force",
     "linearize",
+    "magnet_circuits",
     "models",
     "stiffness_modulation",
 ]

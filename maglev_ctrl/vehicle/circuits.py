@@ -75,7 +75,8 @@ def magnet_share(magnet: Magnet, size: int) -> Share:
 def magnet_circuits(vehicle: Vehicle, state: Equilibrium) -> Mapping[str, Circuit]:
     """Standing current, partials, voltage and power of every electromagnet at an equilibrium, by its name.
 
-    Values are those of one winding: a magnet that stands for several takes `count` times the power.
+    Currents follow from the lift and the gap. Values are those of one winding: a magnet that stands for several takes
+    `count` times the power.
 
     Raises
     ------
@@ -91,11 +92,12 @@ def magnet_circuits(vehicle: Vehicle, state: Equilibrium) -> Mapping[str, Circui
     >>> round(2 * found.force / 9.80665, 6)
     1000.0
     """
-    return {
-        magnet.name: circuit(magnet.force, float(height), strength=state.strength)
-        for magnet, height in zip(vehicle.magnets, state.magnet_heights, strict=True)
-        if isinstance(magnet.force, Electromagnet)
-    }
+    found: dict[str, Circuit] = {}
+    for magnet, height, lift in zip(vehicle.magnets, state.magnet_heights, state.forces.lift, strict=True):
+        if isinstance(magnet.force, Electromagnet):
+            given = float(magnet.force.unlimited().forces(height, None, 0.0).lift)
+            found[magnet.name] = circuit(magnet.force, float(height), strength=float(lift) / (magnet.count * given))
+    return found
 
 
 def wired_magnets(vehicle: Vehicle, state: Equilibrium, fields: MagnetField, base: Skeleton) -> Wired:

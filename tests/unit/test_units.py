@@ -132,7 +132,7 @@ def test_every_kind_reads_its_own_example() -> None:
 
 def test_dimensions_in_words() -> None:
     assert describe(dimensions_of("N")) == "a force"
-    assert describe(read_quantity("1 m^2").dimensions) == "[length]^2"
+    assert describe(read_quantity("1 m^3").dimensions) == "[length]^3"
 
 
 def test_dimension_check_would_catch_a_swapped_unit() -> None:
