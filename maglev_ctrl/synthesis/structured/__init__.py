@@ -1,0 +1,1 @@
+"""Static, low-order and sparse output feedback by nonsmooth optimisation with exact gradients."""

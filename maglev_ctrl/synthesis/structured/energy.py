@@ -1,0 +1,51 @@
+"""H2 norm with exact gradient from one Schur form and two Lyapunov solutions."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import schur, solve_discrete_lyapunov
+from scipy.linalg.lapack import dtrsyl
+
+from maglev_ctrl.arrays import FloatArray
+from maglev_ctrl.synthesis.structured.loop import Closed
+from maglev_ctrl.synthesis.structured.spectral import Piece
+
+
+def energy_piece(loop: Closed) -> Piece:
+    """H2 norm of a stable loop (D = 0 in continuous time) and its derivatives by the entries of K.
+
+    A P + P A' + B B' = 0, A'Q + Q A + C'C = 0, norm^2 = tr C P C'
+    d norm^2 / dA = 2 Q P, / dB = 2 Q B, / dC = 2 C P   (Rautert & Sachs, SIAM J. Optim. 7 (1997) 456)
+    """
+    if loop.dt is None:
+        P, Q = gramians(loop.A, loop.B, loop.C)
+        inner, D = Q @ P, None
+        square = float(np.sum((loop.C @ P) * loop.C))
+    else:
+        P = np.asarray(solve_discrete_lyapunov(loop.A, loop.B @ loop.B.T), dtype=np.float64)
+        Q = np.asarray(solve_discrete_lyapunov(loop.A.T, loop.C.T @ loop.C), dtype=np.float64)
+        inner, D = Q @ loop.A @ P, loop.D
+        square = float(np.sum((loop.C @ P) * loop.C) + np.sum(D**2))
+    if not (np.isfinite(square) and square >= 0.0):
+        return Piece(np.inf, np.zeros((loop.E.shape[1], loop.F.shape[0])))
+    norm = max(float(np.sqrt(square)), 1e-300)
+    return Piece(
+        norm,
+        loop.gain_gradient(inner / norm, Q @ loop.B / norm, loop.C @ P / norm, None if D is None else D / norm),
+    )
+
+
+def gramians(A: FloatArray, B: FloatArray, C: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Reachability and observability Gramians of a stable continuous system.
+
+    Examples
+    --------
+    >>> P, Q = gramians(np.array([[-1.0]]), np.array([[2.0]]), np.array([[1.0]]))
+    >>> P.item(), Q.item()
+    (2.0, 0.5)
+    """
+    T, U = schur(A, output="real")
+    b, c = U.T @ B, C @ U
+    X, scale_x, _ = dtrsyl(T, T, -b @ b.T, tranb="T")
+    Y, scale_y, _ = dtrsyl(T, T, -c.T @ c, trana="T")
+    return U @ X @ U.T / scale_x, U @ Y @ U.T / scale_y
