@@ -13,8 +13,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import linprog
-from scipy.sparse import csc_matrix, diags_array, hstack, issparse, vstack
 
 from maglev_ctrl.arrays import FloatArray, read_only, read_only_any
 from maglev_ctrl.errors import Status
@@ -27,7 +25,7 @@ from maglev_ctrl.synthesis.predictive.kkt import (
     proves_unbounded,
 )
 from maglev_ctrl.synthesis.predictive.refine import refine
-from maglev_ctrl.synthesis.predictive.solvers import Candidate, clarabel_candidate, osqp_candidate
+from maglev_ctrl.synthesis.predictive.solvers import Candidate, clarabel_candidate, linprog, osqp_candidate, sparse
 
 TIGHT = 1e-8
 """Largest KKT residual of a solution called SOLVED; up to `LOOSE` it is ALMOST_SOLVED."""
@@ -78,7 +76,7 @@ class QuadraticData:
 
 
 def quadratic_program(
-    P: Any, q: ArrayLike, A: Any, l: ArrayLike, u: ArrayLike, *, time_limit: float = 60.0
+    P: Any, q: ArrayLike, A: Any, lower: ArrayLike, upper: ArrayLike, *, time_limit: float = 60.0
 ) -> QuadraticSolution:
     """Solve and verify one convex quadratic program; what cannot be verified is NOT_VERIFIED, never a number to use.
 
@@ -86,7 +84,7 @@ def quadratic_program(
     ----------
     P : (n, n) symmetric positive semidefinite, dense or sparse
     A : (m, n) dense or sparse
-    l, u : (m,) bounds; None, nan-free infinities and magnitudes of 1e20 or more mean no bound
+    lower, upper : (m,) bounds l and u; None, nan-free infinities and magnitudes of 1e20 or more mean no bound
     time_limit : s, for each solver
 
     Raises
@@ -102,7 +100,7 @@ def quadratic_program(
     >>> quadratic_program([[0.0]], [-1.0], [[1.0]], [0.0], [None]).status.name
     'UNBOUNDED'
     """
-    data = quadratic_data(P, q, A, l, u)
+    data = quadratic_data(P, q, A, lower, upper)
     crossed = np.flatnonzero(data.lower > data.upper)
     if crossed.size:
         row = int(crossed[0])
@@ -139,12 +137,12 @@ def quadratic_program(
     )  # fmt: skip
 
 
-def quadratic_data(P: Any, q: ArrayLike, A: Any, l: ArrayLike, u: ArrayLike) -> QuadraticData:
+def quadratic_data(P: Any, q: ArrayLike, A: Any, lower: ArrayLike, upper: ArrayLike) -> QuadraticData:
     """Data of one program with shapes, symmetry and convexity checked.
 
     Parameters
     ----------
-    P, q, A, l, u : as in `quadratic_program`
+    P, q, A, lower, upper : as in `quadratic_program`
 
     Raises
     ------
@@ -166,8 +164,8 @@ def quadratic_data(P: Any, q: ArrayLike, A: Any, l: ArrayLike, u: ArrayLike) -> 
             raise ValueError(
                 f"P: expected a positive semidefinite matrix (a convex problem), got the eigenvalue {smallest:.3g}"
             )
-    lower, upper = _bound(l, "l", m, -np.inf), _bound(u, "u", m, np.inf)
-    return QuadraticData(P=csc_matrix(0.5 * (weight + weight.T)), q=slope, A=rows, lower=lower, upper=upper)
+    low, high = _bound(lower, "lower", m, -np.inf), _bound(upper, "upper", m, np.inf)
+    return QuadraticData(P=sparse.csc_matrix(0.5 * (weight + weight.T)), q=slope, A=rows, lower=low, upper=high)
 
 
 def refined(data: QuadraticData, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, KktResidual]:
@@ -253,14 +251,14 @@ def farkas_vector(data: QuadraticData) -> FloatArray | None:
     if not m:
         return None
     rows = largest_in_rows(data.A)
-    scaled = diags_array(1.0 / rows) @ data.A
+    scaled = sparse.diags_array(1.0 / rows) @ data.A
     lower, upper = data.lower / rows, data.upper / rows
     finite = np.concatenate([np.abs(lower[lower > -NO_BOUND]), np.abs(upper[upper < NO_BOUND])])
     size = float(np.max(finite)) if finite.size and np.any(finite) else 1.0
     above, below = upper < NO_BOUND, lower > -NO_BOUND
     cost = np.concatenate([np.where(above, upper, 0.0), np.where(below, -lower, 0.0)]) / size
     caps = [(0.0, 1.0 if free else 0.0) for free in np.concatenate([above, below])]
-    equal = csc_matrix(hstack([scaled.T, -scaled.T]))
+    equal = sparse.csc_matrix(sparse.hstack([scaled.T, -scaled.T]))
     found = linprog(cost, A_eq=equal, b_eq=np.zeros(n), bounds=caps, method="highs")
     if found.status != 0 or found.x is None:
         return None
@@ -280,10 +278,10 @@ def farkas_vector(data: QuadraticData) -> FloatArray | None:
 def _ray(data: QuadraticData) -> FloatArray | None:
     n = data.q.size
     rows = largest_in_rows(data.A)
-    scaled = csc_matrix(diags_array(1.0 / rows) @ data.A) if data.A.shape[0] else data.A
+    scaled = sparse.csc_matrix(sparse.diags_array(1.0 / rows) @ data.A) if data.A.shape[0] else data.A
     above, below = data.upper < NO_BOUND, data.lower > -NO_BOUND
-    sides = csc_matrix(vstack([scaled[above], -scaled[below]])) if data.A.shape[0] else None
-    flat = csc_matrix(diags_array(1.0 / largest_in_rows(data.P)) @ data.P)
+    sides = sparse.csc_matrix(sparse.vstack([scaled[above], -scaled[below]])) if data.A.shape[0] else None
+    flat = sparse.csc_matrix(sparse.diags_array(1.0 / largest_in_rows(data.P)) @ data.P)
     found = linprog(
         data.q / (float(np.max(np.abs(data.q))) or 1.0),
         A_ub=sides, b_ub=None if sides is None else np.zeros(sides.shape[0]),
@@ -297,17 +295,17 @@ def _ray(data: QuadraticData) -> FloatArray | None:
 
 def _one_sided(A: Any, lower: FloatArray, upper: FloatArray) -> tuple[Any, FloatArray, list[tuple[int, float]]]:
     above, below = np.flatnonzero(upper < NO_BOUND), np.flatnonzero(lower > -NO_BOUND)
-    sides = csc_matrix(vstack([A[above], -A[below]]))
+    sides = sparse.csc_matrix(sparse.vstack([A[above], -A[below]]))
     pick = [(int(i), 1.0) for i in above] + [(int(i), -1.0) for i in below]
     return sides, np.concatenate([upper[above], -lower[below]]), pick
 
 
 def _sparse(value: Any, name: str, columns: int) -> Any:
-    if issparse(value):
-        matrix = csc_matrix(value, dtype=float)
+    if sparse.issparse(value):
+        matrix = sparse.csc_matrix(value, dtype=float)
     else:
         dense = np.asarray(value, dtype=float)
-        matrix = csc_matrix(dense.reshape(0, columns) if not dense.size else dense)
+        matrix = sparse.csc_matrix(dense.reshape(0, columns) if not dense.size else dense)
     if matrix.shape[1] != columns:
         raise ValueError(f"{name}: expected {columns} columns, got shape {matrix.shape}")
     if not np.all(np.isfinite(matrix.data)):

@@ -53,7 +53,9 @@ def refine(
     for at_upper, at_lower in guesses:
         at_upper = (at_upper | fixed) & np.isfinite(upper)
         at_lower = at_lower & np.isfinite(lower) & ~at_upper
-        found = _on_bounds(P, q, A, np.where(at_upper, upper, np.where(at_lower, lower, 0.0)), at_upper | at_lower, x, y)
+        found = _on_bounds(
+            P, q, A, np.where(at_upper, upper, np.where(at_lower, lower, 0.0)), at_upper | at_lower, x, y
+        )
         if found is None:
             continue
         moved, pushed = found

@@ -6,12 +6,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csc_matrix, triu, vstack
+import scipy.optimize
+import scipy.sparse
 
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.synthesis.predictive.kkt import NO_BOUND
 from maglev_ctrl.synthesis.predictive.refine import LARGEST
 
+sparse: Any = scipy.sparse
+"""SciPy's sparse matrices, whose many types say nothing here."""
+linprog: Any = scipy.optimize.linprog
+"""SciPy's linear programs (HiGHS)."""
 OSQP_SETTINGS: dict[str, Any] = {
     "verbose": False, "eps_abs": 1e-9, "eps_rel": 1e-9, "eps_prim_inf": 1e-9, "eps_dual_inf": 1e-9,
     "polish_refine_iter": 5, "max_iter": 20000, "check_termination": 25,
@@ -39,7 +44,7 @@ def osqp_candidate(
 
     Examples
     --------
-    >>> one = csc_matrix(np.eye(1))
+    >>> one = sparse.csc_matrix(np.eye(1))
     >>> found = osqp_candidate(one, -np.ones(1), one, (-np.ones(1), 0.5 * np.ones(1)), time_limit=10.0)
     >>> [round(float(x), 9) for x in (found.x[0], found.y[0])]
     [0.5, 0.5]
@@ -50,8 +55,8 @@ def osqp_candidate(
     rows = A if A.shape[0] else None
     sides = (np.maximum(bounds[0], -1e30), np.minimum(bounds[1], 1e30)) if A.shape[0] else (None, None)
     solver.setup(
-        csc_matrix(triu(P)), np.array(q), rows, *sides, time_limit=time_limit, polishing=q.size + A.shape[0] > LARGEST,
-        **OSQP_SETTINGS,
+        sparse.csc_matrix(sparse.triu(P)), np.array(q), rows, *sides, time_limit=time_limit,
+        polishing=q.size + A.shape[0] > LARGEST, **OSQP_SETTINGS,
     )  # fmt: skip
     found = solver.solve(raise_error=False)
     return Candidate("OSQP", _point(found.x), _point(found.y), int(found.info.iter))
@@ -64,18 +69,18 @@ def clarabel_candidate(
 
     Examples
     --------
-    >>> one = csc_matrix(np.eye(1))
+    >>> one = sparse.csc_matrix(np.eye(1))
     >>> found = clarabel_candidate(one, -np.ones(1), one, (-np.ones(1), 0.5 * np.ones(1)), time_limit=10.0)
     >>> [round(float(x), 6) for x in (found.x[0], found.y[0])]
     [0.5, 0.5]
     """
-    import clarabel
+    import clarabel  # type: ignore[import-untyped]
 
     lower, upper = bounds
     equal = np.flatnonzero(lower == upper)
     above = np.flatnonzero((upper < NO_BOUND) & (lower != upper))
     below = np.flatnonzero((lower > -NO_BOUND) & (lower != upper))
-    rows = csc_matrix(vstack([A[equal], A[above], -A[below]])) if A.shape[0] else A
+    rows = sparse.csc_matrix(sparse.vstack([A[equal], A[above], -A[below]])) if A.shape[0] else A
     sides = np.concatenate([upper[equal], upper[above], -lower[below]])
     cones = [clarabel.ZeroConeT(equal.size), clarabel.NonnegativeConeT(above.size + below.size)]
     settings = clarabel.DefaultSettings()
@@ -83,7 +88,9 @@ def clarabel_candidate(
     settings.time_limit = time_limit
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10
     try:
-        found = clarabel.DefaultSolver(csc_matrix(triu(P)), np.array(q), rows, sides, cones, settings).solve()
+        found = clarabel.DefaultSolver(
+            sparse.csc_matrix(sparse.triu(P)), np.array(q), rows, sides, cones, settings
+        ).solve()
     except BaseException as error:  # Clarabel's panics are not ordinary exceptions
         if isinstance(error, (KeyboardInterrupt, SystemExit)):
             raise
