@@ -81,7 +81,7 @@ class EnergyClaim:
 class EllipsoidClaim:
     """From any state with x'P x <= 1 the loop stays there and command j stays below `limits[j]`, without disturbance.
 
-    A'P + P A < 0 (sampled A'P A < P) and u_j' u_j < limits[j]^2 P for the rows u_j of the command: the column
+    A'P + P A < 0 (sampled A'P A < P) and u_j' u_j < limits[j]^2 P for the rows u_j of the command, that is
     [[limits[j]^2, u_j], [u_j', P]] > 0, strictly; a P that just touches a limit is not accepted.
     """
 

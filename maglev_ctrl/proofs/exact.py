@@ -233,7 +233,7 @@ def decay_factor(rate: float, dt: float) -> float:
     for k in range(1, 33):  # ends after an odd power: below the sum where signs alternate, and where all are positive
         total += term
         term = -term * small / k
-    unit = 1 << 256
+    unit = 1 << 1000
     found = math.floor(total * unit)
     for _ in range(halvings):
         found = found * found // unit

@@ -7,16 +7,15 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 import scipy.linalg
 
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.errors import ModelError
-from maglev_ctrl.proofs.claims import Claim, DecayClaim, EnergyClaim, GainClaim
-from maglev_ctrl.proofs.enclosure import Enclosure, definite
-from maglev_ctrl.proofs.inequalities import conditions
-from maglev_ctrl.proofs.loops import Loop
+from maglev_ctrl.proofs.claims import DecayClaim, EnergyClaim, GainClaim
+from maglev_ctrl.proofs.prove import prove
 from maglev_ctrl.systems import Controller
 from maglev_ctrl.systems.plant import Plant, closed_channel
 
@@ -97,7 +96,7 @@ def energy_claim(
     def made(P: FloatArray) -> EnergyClaim:
         return EnergyClaim((index,), (law,), level, P[None], disturbances, performance)
 
-    return made(_first_proved(tries(), basis, made, Loop(*map(Enclosure.of, (A, B, C, D, C))), plant.dt))
+    return made(_first_proved(tries(), basis, made, plant, controller))
 
 
 def bounded_real_claim(
@@ -159,7 +158,7 @@ def bounded_real_claim(
     def made(P: FloatArray) -> GainClaim:
         return GainClaim((index,), (law,), gamma, P[None], disturbances, performance)
 
-    return made(_first_proved(tries(), basis, made, Loop(*map(Enclosure.of, (A, B, C, D, C))), plant.dt))
+    return made(_first_proved(tries(), basis, made, plant, controller))
 
 
 def _decay_matrix(plant: Plant, controller: Controller, rate: float) -> FloatArray:
@@ -171,9 +170,8 @@ def _decay_matrix(plant: Plant, controller: Controller, rate: float) -> FloatArr
     def made(P: FloatArray) -> DecayClaim:
         return DecayClaim((0,), (0,), rate, P[None])
 
-    one = Enclosure.of(A)
     tries = _strict_parts(moved / basis[:, None] * basis, plant.dt)
-    return _first_proved(tries, basis, made, Loop(one, one, one, one, one), plant.dt)
+    return _first_proved(tries, basis, made, plant, controller)
 
 
 def _channel(
@@ -264,25 +262,27 @@ def _bounded_real(
 def _first_proved(
     tries: Iterator[FloatArray],
     basis: FloatArray,
-    made: Callable[[FloatArray], Claim],
-    loop: Loop[Enclosure],
-    dt: float | None,
+    made: Callable[[FloatArray], DecayClaim | GainClaim | EnergyClaim],
+    plant: Plant,
+    controller: Controller,
 ) -> FloatArray:
-    """First matrix whose inequalities hold with rounding bounds, else the first; back from balanced coordinates.
+    """First matrix whose claim is proved, with rounding bounds if possible; back from balanced coordinates.
 
     Raises
     ------
-    ModelError : there is no matrix to try
+    ModelError : there is none
     """
-    first = None
-    n_w, n_z = loop.B.shape[1], loop.C.shape[0]
+    kept = []
     for found in tries:
         P = found / basis[:, None] / basis
-        first = P if first is None else first
-        with np.errstate(all="ignore"):
-            listed = conditions(made(P), Enclosure, [loop], dt, range(n_w), range(n_z))
-            if all(definite(matrix)[0] for _, matrix in listed):
-                return P
-    if first is None:
-        raise ModelError("no certificate matrix was found: the bound is not above the norm, or too close to it")
-    return first
+        proof = prove(replace(made(P), plants=(0,), controllers=(0,)), [plant], [controller], exactly=False)
+        if proof.holds:
+            return P
+        kept.append(P)
+    for P in kept[:3]:
+        if prove(replace(made(P), plants=(0,), controllers=(0,)), [plant], [controller]).holds:
+            return P
+    raise ModelError(
+        f"{plant.name}: no certificate matrix was found that rounding errors leave alone: the bound is not above "
+        "the norm, or too close to it"
+    )
