@@ -265,3 +265,34 @@ def test_a_double_l_needs_guidance(tmp_path: Path) -> None:
     forces = '[forces]\nmodel = "electromagnet"\nturns = 300\npole_area = "0.1 m^2"\nresistance = "1 ohm"\n'
     with pytest.raises(ScenarioProblems, match="a double_l needs guidance forces, and electromagnets lift only"):
         read(tmp_path, text[:start] + forces + text[end:])
+
+
+def test_the_loops_are_broken_at_the_windings(tmp_path: Path) -> None:
+    from maglev_ctrl.study.loops import option_loops
+    from maglev_ctrl.study.situation import OptionModel, Situation
+
+    scenario = read(tmp_path, SMALL)
+    law = control_law(scenario, scenario.options[1])
+    assert law is not None
+    outputs = [OutputWeight(*one) for one in law.output_weights]
+    inputs = [InputWeight(*one) for one in law.input_weights]
+    model, point = OptionModel(scenario, scenario.options[1]), Situation.of_design(scenario)
+    controller = design_lqr(model.plant(point), outputs, inputs, name="hold").controller
+    loops = option_loops(model, point, controller)
+    assert loops is not None and loops.loop().channels == ("magnet_1.voltage", "magnet_2.voltage")
+    assert not np.any(loops.delays)
+
+
+def test_the_report_tells_what_the_windings_carry(tmp_path: Path) -> None:
+    from types import SimpleNamespace
+
+    from maglev_ctrl.report.content_option import _equilibrium_table
+
+    scenario = read(tmp_path, SMALL)
+    vehicle = build_vehicle(scenario)
+    state = equilibrium(vehicle, OperatingPoint(10.0, 0.010))
+    table = _equilibrium_table(SimpleNamespace(equilibrium=state, label="hover", vehicle=vehicle))  # type: ignore[arg-type]
+    told = {str(cells[0].text): str(cells[1].text) for cells in table.rows}
+    one = magnet_circuits(vehicle, state)["magnet_1"]
+    assert told["Standing currents of the windings"] == f"{one.current:.1f} A"
+    assert told["Heat in all windings"] == f"{4e-3 * one.power:.2f} kW"
