@@ -95,10 +95,11 @@ class EllipsoidClaim:
 class ParameterClaim:
     """Every constant blend of the loops decays at `rate`, proved by P = sum of weights x P_i and a slack matrix V.
 
-        [[-(V + V'), V'(A_i + rate I) + P_i, V'], [., -P_i, 0], [., ., -P_i]] < 0 for all i
+        [[-(V + V'), V' a_i + P_i, V'], [., -P_i, 0], [., ., -P_i]] < 0 for all i, a_i = time (A_i + rate I)
 
-    (Apkarian, Tuan & Bernussou, IEEE TAC 46 (2001) 1941, continuous); P (k, n, n), V (n, n). The inequality is affine
-    in A_i and P_i together, so that it passes to every blend; with W = V^-1, Y = P^-1 and a = A + rate I its Schur
+    (Apkarian, Tuan & Bernussou, IEEE TAC 46 (2001) 1941, continuous); P (k, n, n), V (n, n). `time` (s) is the unit of
+    time, which such a V depends on: about the time constant of the loops. The inequality is affine
+    in A_i and P_i together, so that it passes to every blend; with W = V^-1, Y = P^-1 and a = a_i its Schur
     complement is (W + Y(a' - I))'P(W + Y(a' - I)) + a Y + Y a' < 0, hence a'P + P a < 0. Refused where the closed loop
     is no affine function of the weights (laws that differ while plant inputs or outputs do).
     """
@@ -108,6 +109,7 @@ class ParameterClaim:
     rate: float
     P: FloatArray
     V: FloatArray
+    time: float = 1.0
 
 
 @dataclass(frozen=True, eq=False, slots=True)

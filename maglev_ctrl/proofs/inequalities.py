@@ -203,7 +203,7 @@ def _parameter(claim: ParameterClaim, kind: type[M], loops: Sequence[Loop[M]]) -
     n = claim.V.shape[0]
     zero, one = kind.of(np.zeros((n, n))), kind.of(np.eye(n))
     for i, (loop, P) in enumerate(zip(loops, matrices, strict=True)):
-        side = -(V.T @ (loop.A + one.times(claim.rate)) + P)
+        side = -(V.T @ (loop.A + one.times(claim.rate)).times(claim.time) + P)
         yield (
             _where("the slack inequality", loops, i),
             kind.blocks([[V + V.T, side, -V.T], [side.T, P, zero], [-V, zero, P]]),

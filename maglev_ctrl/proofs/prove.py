@@ -133,8 +133,10 @@ def _check_claim(
             numbers.append(np.asarray(limits))
             if len(limits) != len(plants[0].commands) or not all(x > 0.0 for x in limits):
                 raise Mismatch(f"{len(plants[0].commands)} commands need as many positive limits, got {limits}")
-        case ParameterClaim(rate=rate, V=V):
-            numbers += [np.asarray(rate), V]
+        case ParameterClaim(rate=rate, V=V, time=time):
+            numbers += [np.asarray(rate), np.asarray(time), V]
+            if not time > 0.0:
+                raise Mismatch(f"the unit of time {time} is not positive")
             if V.shape != (n, n):
                 raise Mismatch(f"the slack matrix has shape {V.shape}, the loops have {n} states")
         case SegmentClaim(width=width, speed_limit=speed):

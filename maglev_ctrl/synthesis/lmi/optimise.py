@@ -1,0 +1,146 @@
+"""Two stages: the best objective, then the smallest gain with the objective given up by a little."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from maglev_ctrl.arrays import FloatArray
+from maglev_ctrl.errors import Status
+from maglev_ctrl.synthesis.lmi.problem import TIGHT, USUAL, WIDE, Optimum, Problem
+from maglev_ctrl.synthesis.lmi.session import Answer
+
+BACK_OFF = 2e-3
+"""Share of the objective given up so that the law is not at the edge, where gains grow without bound."""
+EASE = 0.2
+"""Share of gain (squared) given up above the least where nothing is asked to be best."""
+RATE_MOST = 2.0**10
+"""Scaled decay rate that counts as unbounded."""
+RATE_STEPS = 12
+GAIN_STEPS = {"gain": 8, "feasible": 2, "h2": 2, "h_infinity": 2, "decay": 2}
+HARD = {Status.TIME_LIMIT, Status.UNBOUNDED}
+
+
+def optimise(problem: Problem) -> Optimum:
+    """The optimum of a problem: caps on condition and gain as usual, tight where the solver stumbles, wide at last.
+
+    Examples
+    --------
+    >>> from maglev_ctrl.synthesis.lmi.problem import pose
+    >>> from maglev_ctrl.synthesis.lmi.request import MultiObjective
+    >>> from maglev_ctrl.synthesis.lmi.session import Clock, LmiSession
+    >>> from maglev_ctrl.systems.plant import Plant
+    >>> plant = Plant.from_matrices([[1.0]], [[1.0]], [[1.0]], [[1.0]])
+    >>> best = optimise(pose((plant,), MultiObjective("gain"), session=LmiSession(), clock=Clock(60.0)))
+    >>> round(best.objective, 3)  # any gain above one stabilises x' = x + u
+    1.0
+    """
+    found = Optimum(Status.NUMERICAL_ERROR, {})
+    solves = 0
+    for attempt in (USUAL, TIGHT, WIDE):
+        if attempt == TIGHT and found.status is Status.INFEASIBLE:
+            continue
+        last = found
+        found = _decay(problem, attempt) if problem.request.objective == "decay" else _norm(problem, attempt)
+        solves += found.solves
+        if found.values or found.status in HARD:
+            break
+        if (
+            attempt == WIDE
+            and found.status is Status.NUMERICAL_ERROR
+            and last.status is Status.INFEASIBLE
+            and last.certain
+        ):
+            found = last
+    return Optimum(found.status, found.values, found.objective, found.rate, solves, found.certain)
+
+
+def _norm(problem: Problem, attempt: int) -> Optimum:
+    """Objective h2, h_infinity, gain or feasible."""
+    request, scaling = problem.request, problem.scaling
+    key = {"h2": "energy", "h_infinity": "gamma"}.get(request.objective)
+    weights: dict[str, Any] = {f"weigh_{key}": 1.0} if key else _gain_weights(problem, 1.0)
+    first = problem.solve(attempt, **weights)
+    if not first.usable:
+        return Optimum(first.status, {}, solves=1, certain=first.certain)
+    rate = request.decay_rate or 0.0
+    if key is None:
+        best, count = _least_gain(problem, attempt, first)
+        square = float(best["sigma"] / best["floor"])
+        value = float(np.sqrt(square)) * problem.gain_unit if request.objective == "gain" else np.nan
+        # The least gain lies on the edge of everything else: any point with a little more gain is inside.
+        more = square * (1.0 + (BACK_OFF if request.objective == "gain" else EASE))
+        inside = problem.solve(attempt, gain_square=min(more, problem.numbers(attempt)["gain_square"]))
+        if inside.usable:
+            best = inside.values
+        return Optimum(first.status, best, value, rate, 2 + count, first.certain)
+    value = float(first.values[key])
+    share = (1.0 + BACK_OFF) ** (2 if key == "energy" else 1)
+    # An objective that can be made zero is left there; the floor keeps the second stage from chasing rounding.
+    most = max(value * share, value + 1e-6)
+    bound = problem.numbers(attempt)[f"{key}_most"]
+    best, count = _least_gain(problem, attempt, first, **{f"{key}_most": min(most, bound)})
+    value = np.sqrt(max(value, 0.0)) * scaling.h2 if key == "energy" else value * scaling.h_infinity
+    return Optimum(first.status, best, float(value), rate, 1 + count, first.certain)
+
+
+def _gain_weights(problem: Problem, ratio: float) -> dict[str, float]:
+    return {"weigh_sigma": 1.0 / ratio, "weigh_floor": 0.0 if problem.homogeneous else 1.0}
+
+
+def _least_gain(
+    problem: Problem, attempt: int, start: Answer, **changes: Any
+) -> tuple[Mapping[str, FloatArray], int]:  # fmt: skip
+    """Smallest sigma / floor from a feasible point: sigma - ratio floor, ratio updated (Dinkelbach 1967)."""
+    best = start.values
+    for count in range(GAIN_STEPS[problem.request.objective]):
+        ratio = float(best["sigma"] / best["floor"])
+        answer = problem.solve(attempt, **changes, **_gain_weights(problem, ratio))
+        if not answer.usable:
+            return best, count + 1
+        smaller = float(answer.values["sigma"] / answer.values["floor"])
+        if smaller < ratio or "gamma_most" in changes or "energy_most" in changes:
+            best = answer.values
+        if not smaller < ratio * (1.0 - 1e-6) or problem.homogeneous:
+            return best, count + 1
+    return best, count + 1
+
+
+def _decay(problem: Problem, attempt: int) -> Optimum:
+    """Largest common decay rate: a generalised eigenvalue problem, by bisection on the rate."""
+    unit = problem.scaling.rate
+    low = (problem.request.decay_rate or 0.0) / unit
+    count = 0
+
+    def attempt_at(rate: float) -> Answer:
+        nonlocal count
+        count += 1
+        return problem.solve(attempt, twice_rate=2.0 * rate, **_gain_weights(problem, 1.0))
+
+    answer = attempt_at(low)
+    if not answer.usable:
+        return Optimum(answer.status, {}, solves=count, certain=answer.certain)
+    best, high = answer, max(2.0 * low, 0.125)
+    while True:
+        answer = attempt_at(high)
+        if answer.status is Status.TIME_LIMIT:
+            return Optimum(answer.status, {}, solves=count)
+        if not answer.usable:
+            break
+        low, best, high = high, answer, 2.0 * high
+        if high > RATE_MOST:
+            return Optimum(Status.UNBOUNDED, {}, solves=count)
+    for _ in range(RATE_STEPS):
+        middle = 0.5 * (low + high)
+        answer = attempt_at(middle)
+        if answer.status is Status.TIME_LIMIT:
+            return Optimum(answer.status, {}, solves=count)
+        if answer.usable:
+            low, best = middle, answer
+        else:
+            high = middle
+    rate = max((1.0 - BACK_OFF) * low, (problem.request.decay_rate or 0.0) / unit)
+    values, more = _least_gain(problem, attempt, best, twice_rate=2.0 * rate)
+    return Optimum(best.status, values, low * unit, rate * unit, count + more)

@@ -1,0 +1,149 @@
+"""Solving inequalities many times: problems kept by shape, a time limit that holds, and outcomes as values."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from maglev_ctrl.arrays import FloatArray
+from maglev_ctrl.errors import Status
+from maglev_ctrl.synthesis.lmi.conditions import Family, Shape, build
+
+Solver = Literal["CLARABEL", "CVXOPT", "SCS"]
+OUTCOMES = {
+    "optimal": Status.SOLVED,
+    "optimal_inaccurate": Status.ALMOST_SOLVED,
+    "infeasible": Status.INFEASIBLE,
+    "infeasible_inaccurate": Status.INFEASIBLE,
+    "unbounded": Status.UNBOUNDED,
+    "unbounded_inaccurate": Status.UNBOUNDED,
+    "user_limit": Status.TIME_LIMIT,
+}
+VIOLATION = 1e-6
+"""Largest violation of a scaled constraint at a point a solver was not sure of, for the point to be looked at."""
+
+
+class Clock:
+    """Time left of a limit in seconds.
+
+    Examples
+    --------
+    >>> Clock(0.0).left
+    0.0
+    """
+
+    def __init__(self, limit: float) -> None:
+        self.limit = limit
+        self._end = time.monotonic() + limit
+
+    @property
+    def left(self) -> float:
+        """Seconds left, never negative."""
+        return max(0.0, self._end - time.monotonic())
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Answer:
+    """One solve: `values` of the variables where there are any, `certain` False where the solver was not sure."""
+
+    status: Status
+    values: Mapping[str, FloatArray]
+    certain: bool = True
+    seconds: float = 0.0
+
+    @property
+    def usable(self) -> bool:
+        """There is a point to look at (to be proved, not to be believed)."""
+        return bool(self.values) and self.status in (Status.SOLVED, Status.ALMOST_SOLVED)
+
+
+class LmiSession:
+    """Problems kept by shape, so that the next operating point costs a solve and no new problem.
+
+    Examples
+    --------
+    >>> session = LmiSession()
+    >>> session.family(Shape(1, 2, 1)) is session.family(Shape(1, 2, 1))
+    True
+    """
+
+    def __init__(self) -> None:
+        self._families: dict[Shape, Family] = {}
+
+    def family(self, shape: Shape) -> Family:
+        """The problem of a shape, built on first use."""
+        if shape not in self._families:
+            self._families[shape] = build(shape)
+        return self._families[shape]
+
+    def solve(self, shape: Shape, numbers: Mapping[str, Any], *, clock: Clock, solver: Solver = "CLARABEL") -> Answer:
+        """Solve a problem of a shape with the numbers given; other parameters are zero."""
+        if clock.left <= 0.0:
+            return Answer(Status.TIME_LIMIT, {})
+        family = self.family(shape)
+        for name, parameter in family.parameters.items():
+            value = numbers.get(name, 0.0)
+            parameter.value = np.broadcast_to(np.asarray(value, dtype=float), parameter.shape)
+        return solve_problem(family.problem, family.variables, clock=clock, solver=solver)
+
+
+def solve_problem(
+    problem: Any, variables: Mapping[str, Any], *, clock: Clock, solver: Solver = "CLARABEL"
+) -> Answer:  # fmt: skip
+    """Solve one cvxpy problem within the time left; neither raises nor warns for what a solver can do.
+
+    Raises
+    ------
+    ModuleNotFoundError : the solver asked for is not installed
+    """
+    import cvxpy
+
+    if solver not in cvxpy.installed_solvers():
+        raise ModuleNotFoundError(f"the solver {solver} is not installed; CLARABEL always is")
+    started = time.monotonic()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        problem.get_problem_data(solver)
+        if clock.left <= 0.0:
+            return Answer(Status.TIME_LIMIT, {}, seconds=time.monotonic() - started)
+        limits: dict[Solver, dict[str, Any]] = {
+            "CLARABEL": {"time_limit": clock.left},
+            "CVXOPT": {"max_iters": 200},
+            "SCS": {"time_limit_secs": clock.left},
+        }
+        settings = limits[solver]
+        try:
+            problem.solve(solver=solver, **settings)
+        except (cvxpy.error.SolverError, ArithmeticError, ValueError):
+            late = clock.left <= 0.0
+            return Answer(
+                Status.TIME_LIMIT if late else Status.NUMERICAL_ERROR, {}, False, time.monotonic() - started
+            )  # fmt: skip
+    status = OUTCOMES.get(str(problem.status), Status.NUMERICAL_ERROR)
+    values: dict[str, FloatArray] = {}
+    for name, variable in variables.items():
+        if variable.value is not None and np.all(np.isfinite(variable.value)):
+            values[name] = np.array(variable.value, dtype=np.float64)
+    if status is Status.TIME_LIMIT and clock.left > 0.0:
+        status = Status.ITERATION_LIMIT
+    certain = "inaccurate" not in str(problem.status)
+    if values and status in (Status.ALMOST_SOLVED, Status.ITERATION_LIMIT):
+        if _violation(problem) > VIOLATION:
+            return Answer(Status.NUMERICAL_ERROR, {}, False, time.monotonic() - started)
+        status = Status.ALMOST_SOLVED
+    return Answer(status, values, certain, time.monotonic() - started)
+
+
+def _violation(problem: Any) -> float:
+    """Largest violation of any constraint relative to its size; of a matrix inequality its most negative eigenvalue."""
+    worst = 0.0
+    for one in problem.constraints:
+        sizes = [float(np.max(np.abs(part.value), initial=0.0)) for part in one.args if part.value is not None]
+        size = max([1.0, *sizes])
+        worst = max(worst, float(np.max(one.violation())) / size)
+    return worst

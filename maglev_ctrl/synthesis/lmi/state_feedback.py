@@ -1,0 +1,184 @@
+"""Multi-objective state feedback for a polytope of plants: one law u = K x, every bound proved."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from maglev_ctrl.errors import Status
+from maglev_ctrl.proofs.claims import Claim
+from maglev_ctrl.synthesis.lmi.certify import (
+    common_claims,
+    outside_ellipsoid,
+    recomputed,
+    same_names,
+    state_feedback,
+    vertex_claims,
+)
+from maglev_ctrl.synthesis.lmi.conditions import Lyapunov
+from maglev_ctrl.synthesis.lmi.conflicts import conflict
+from maglev_ctrl.synthesis.lmi.optimise import BACK_OFF, optimise
+from maglev_ctrl.synthesis.lmi.problem import Optimum, Problem, pose
+from maglev_ctrl.synthesis.lmi.request import MultiObjective, check_request
+from maglev_ctrl.synthesis.lmi.session import Clock, LmiSession, Solver
+from maglev_ctrl.synthesis.result import Synthesis, proven, refused
+from maglev_ctrl.systems.plant import Plant
+
+LAW = "multi-objective state feedback"
+SLACKS = (0.3, 0.03)
+"""Scaled time constants tried for the slack equation; towards zero a common matrix is the special case."""
+AGREE = 1e-3
+"""Relative difference allowed between two solvers' optima."""
+WORDS = {"h2": "H2 norm", "h_infinity": "H-infinity norm", "decay": "decay rate", "gain": "gain of the law"}
+
+
+def multi_objective(
+    plants: Sequence[Plant],
+    request: MultiObjective,
+    *,
+    lyapunov: Lyapunov = "common",
+    solver: Solver = "CLARABEL",
+    cross_check: bool = False,
+    time_limit: float = 60.0,
+    session: LmiSession | None = None,
+) -> Synthesis:
+    """One state feedback u = K x that meets every bound of the request at every vertex, with proofs.
+
+    With `lyapunov` "common" the bounds hold for everything between the vertices: decay and peak gain however fast the
+    parameters vary, H2 norm and pole region for constant ones. "parameter_dependent" is for constant parameters and
+    less strict; stability is then proved for all blends, norms and regions at the vertices.
+
+    Parameters
+    ----------
+    plants : vertices with the same names, every state measured, continuous
+    solver : "CLARABEL", or "CVXOPT" or "SCS" where installed and asked for
+    cross_check : solve again with CVXOPT and compare the optima
+    time_limit : s, for everything; the status is then TIME_LIMIT
+    session : keeps problems by shape; pass the same one for many operating points
+
+    Raises
+    ------
+    ValueError : the request cannot be meant (see `check_request`)
+    ModelError : the plants cannot be controlled as asked, whatever the law
+    ModuleNotFoundError : the solver asked for is not installed
+
+    Examples
+    --------
+    >>> plant = Plant.from_matrices([[0.0, 1.0], [4.0, 0.0]], [[0.0], [1.0]], [[0.0], [1.0]], [[1.0, 0.0]])
+    >>> design = multi_objective([plant], MultiObjective("gain", decay_rate=1.0))
+    >>> design.status.name, bool(np.max(np.linalg.eigvals(plant.A + plant.B2 @ design.controller.D).real) < -1.0)
+    ('SOLVED', True)
+    """
+    clock = Clock(time_limit)
+    check_request(plants, request)
+    named = same_names(plants)
+    if request.commands is not None and lyapunov != "common":
+        raise ValueError("lyapunov: command limits need 'common', one ellipsoid for all vertices")
+    if clock.left <= 0.0:
+        return refused(LAW, named, Status.TIME_LIMIT, _late(clock))
+    kept = session if session is not None else LmiSession()
+    posed = pose(named, request, session=kept, clock=clock, solver=solver, lyapunov=lyapunov)
+    candidates = _candidates(posed)
+    found = [(problem, optimum) for problem, optimum in candidates if optimum.values]
+    if not found:
+        return _failed(*candidates[-1])
+    for problem, optimum in found:
+        design = _finished(problem, optimum, cross_check)
+        if design.controllers:
+            return design
+    late = design.status is Status.NOT_VERIFIED and clock.left <= 0.0
+    return refused(LAW, named, Status.TIME_LIMIT, _late(clock)) if late else design
+
+
+def _finished(problem: Problem, optimum: Optimum, cross_check: bool) -> Synthesis:
+    notes = _notes(problem, optimum)
+    if cross_check:
+        disagreement = _second_opinion(problem, optimum)
+        if disagreement:
+            return refused(LAW, problem.plants, Status.NOT_VERIFIED, disagreement)
+        notes += ("CVXOPT finds the same optimum",)
+    return _released(problem, optimum, notes)
+
+
+def _candidates(problem: Problem) -> list[tuple[Problem, Optimum]]:
+    """Optima, best first: one for a common matrix, one for each time constant of the slack equation otherwise."""
+    if problem.lyapunov == "common":
+        return [(problem, optimise(problem))]
+    found: list[tuple[Problem, Optimum]] = []
+    for slack in SLACKS:
+        trial = replace(problem, slack=slack)
+        found.append((trial, optimise(trial)))
+        if found[-1][1].values and problem.request.objective == "feasible":
+            break
+    sign = -1.0 if problem.request.objective == "decay" else 1.0
+    return sorted(found, key=lambda one: sign * one[1].objective if one[1].objective == one[1].objective else np.inf)
+
+
+def _released(problem: Problem, optimum: Optimum, notes: tuple[str, ...]) -> Synthesis:
+    """Through the gate, with what the claims do not say checked here."""
+    request = problem.request
+    controller = state_feedback(problem, problem.gain(optimum.values), "state feedback")
+    claims: list[Claim]
+    if problem.lyapunov == "common":
+        claims, missing = common_claims(problem, optimum, controller), ""
+    else:
+        claims, missing = vertex_claims(problem, optimum, controller)
+    size = float(np.linalg.norm(controller.D, 2))
+    if request.gain_below is not None and not size < request.gain_below:
+        missing = f"the gain is {size:.6g}, not below {request.gain_below:g}"
+    missing = missing or outside_ellipsoid(request, claims)
+    if missing:
+        return refused(LAW, problem.plants, Status.NOT_VERIFIED, missing)
+    return proven(
+        LAW, problem.plants, [controller], claims=claims, performance=recomputed(problem, controller), notes=notes,
+        status=Status.SOLVED if optimum.certain else Status.ALMOST_SOLVED,
+    )  # fmt: skip
+
+
+def _notes(problem: Problem, optimum: Optimum) -> tuple[str, ...]:
+    objective = problem.request.objective
+    found = [f"{optimum.solves} semidefinite problems solved by {problem.solver}"]
+    if objective in WORDS:
+        found.append(
+            f"best bound on the {WORDS[objective]} {optimum.objective:.6g}; up to {BACK_OFF:.1%} of it given up for a "
+            "smaller gain"
+        )
+    if problem.lyapunov != "common":
+        found.append("stability is proved for every constant blend of the vertices; norms and regions at the vertices")
+    return tuple(found)
+
+
+def _second_opinion(problem: Problem, optimum: Optimum) -> str:
+    """Why another solver's optimum speaks against this one; empty where it does not."""
+    other = optimise(replace(problem, solver="CVXOPT"))
+    if not other.values:
+        return f"CVXOPT does not confirm the optimum: {other.status.value}"
+    if np.isnan(optimum.objective):
+        return ""
+    if abs(other.objective - optimum.objective) > AGREE * abs(optimum.objective):
+        return f"two solvers disagree: {problem.solver} found {optimum.objective:.6g}, CVXOPT {other.objective:.6g}"
+    return ""
+
+
+def _failed(problem: Problem, optimum: Optimum) -> Synthesis:
+    status, plants = optimum.status, problem.plants
+    match status:
+        case Status.TIME_LIMIT:
+            return refused(LAW, plants, status, _late(problem.clock))
+        case Status.INFEASIBLE:
+            message = conflict(problem)
+        case Status.UNBOUNDED:
+            message = (
+                "the decay rate can be made as large as wanted: bound the gain, the commands or the region of poles"
+            )
+        case _:
+            message = (
+                "the solver stopped without an answer: rescale the plant, or relax the requirement nearest its limit"
+            )
+    return refused(LAW, plants, status, message)
+
+
+def _late(clock: Clock) -> str:
+    return f"not finished within {clock.limit:g} s"
