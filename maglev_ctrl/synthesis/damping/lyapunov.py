@@ -12,7 +12,10 @@ import numpy as np
 from scipy.linalg import solve_continuous_lyapunov
 
 from maglev_ctrl.arrays import FloatArray
+from maglev_ctrl.synthesis.lmi.session import Clock, solve_problem
 
+TIME_LIMIT = 60.0
+"""s, for one inequality."""
 SLACK = 1e-8
 """Least strictness of an inequality of order one that is handed on for proof."""
 
@@ -134,16 +137,9 @@ def _region_excess(A: FloatArray, L: FloatArray, M: FloatArray, X: FloatArray) -
 
 
 def solved(problem: Any) -> bool:
-    """Solve a cvxpy problem with Clarabel; whether it has a solution, be it of reduced accuracy (proofs decide)."""
-    import cvxpy as cp
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # cvxpy warns where accuracy is reduced; the proof decides what that is worth
-        try:
-            problem.solve(solver=cp.CLARABEL)
-        except (cp.error.SolverError, ValueError, ArithmeticError):
-            return False
-    return problem.status in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE)
+    """Solve a cvxpy problem; whether there is a point to look at, be it of reduced accuracy (proofs decide)."""
+    variables = {f"{i}": one for i, one in enumerate(problem.variables())}
+    return solve_problem(problem, variables, clock=Clock(TIME_LIMIT)).usable
 
 
 def _unscaled(P: FloatArray, T: FloatArray) -> FloatArray:

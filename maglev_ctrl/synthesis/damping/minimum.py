@@ -138,33 +138,66 @@ def designed(
         reason = f"the dampers' limits are too low for a decay at {rate:g} 1/s: the sum of the poles forbids it"
         return _refused(family, rate, lower, (), reason)
     routes = _routes(family, small, scales, (rate, ratio), guarantee, starts, warm)
-    found = sorted((route for route in routes if not route.reason), key=lambda route: route.cost)
-    told: tuple[str, ...] = ()
-    for route in found:
+    design, told = _first_proved(family, scales, (rate, ratio), lower, guarantee, routes, routes)
+    if design is None and guarantee == "every constant blend" and told:
+        # The cheapest dampings hold at the vertices only: one P for all of them holds every blend.
+        more = _followed(family, small, scales, rate * (1.0 + RESERVE) + FLOOR * scales.rate, routes)
+        design, extra = _first_proved(family, scales, (rate, ratio), lower, guarantee, more, routes + more)
+        routes, told = routes + more, told + extra
+    if design is not None:
+        return design
+    ratio_too = f" with a damping ratio of {ratio:g}" if ratio else ""
+    reason = f"no damping was found that decays at {rate:g} 1/s{ratio_too}"
+    reason += "".join(f"; {route.name}: {route.reason}" for route in routes)
+    if told:
+        reason = f"not proved for {guarantee}: {'; '.join(told)}"
+    return _refused(family, rate, lower, routes, reason, Status.NOT_VERIFIED if told else Status.INFEASIBLE)
+
+
+def _first_proved(
+    family: DampedFamily,
+    scales: Scales,
+    margins: tuple[float, float],
+    lower: float,
+    guarantee: Guarantee,
+    routes: tuple[Route, ...],
+    tried: tuple[Route, ...],
+) -> tuple[DampingDesign | None, tuple[str, ...]]:
+    """The cheapest route whose guarantee is proved, and why cheaper ones are not it."""
+    (rate, ratio), told = margins, list[str]()
+    for route in sorted((route for route in routes if not route.reason), key=lambda route: route.cost):
         held = assurance(family, route.damping, rate, scales.T, wanted=guarantee, ratio=ratio)
         if held.carried is None or GUARANTEES.index(held.carried) < GUARANTEES.index(guarantee):
-            told += tuple(f"{route.name}: {why}" for why in held.reasons)
+            told += [f"{route.name}: {why}" for why in held.reasons]
             continue
-        law = family.law(route.damping)
         worst = float(np.max(family.abscissae(route.damping)))
         synthesis = proven(
-            LAW, family.plants, [law], claims=held.claims,
+            LAW, family.plants, [family.law(route.damping)], claims=held.claims,
             performance=[Performance("least decay rate", np.nan, -worst, "1/s")],
             notes=_notes(family, route, lower, held.carried, held.reasons),
         )  # fmt: skip
         if not synthesis.controllers:
-            told += (f"{route.name}: {synthesis.message}",)
+            told.append(f"{route.name}: {synthesis.message}")
             continue
+        more = more_damping(family, route.damping, rate, scales.T, ratio=ratio)
+        damping = read_only(route.damping, name="damping")
         return DampingDesign(
-            family.places, read_only(route.damping, name="damping"), route.cost, rate, lower, held.carried, routes,
-            more_damping(family, route.damping, rate, scales.T, ratio=ratio), synthesis,
-        )  # fmt: skip
-    ratio_too = f" with a damping ratio of {ratio:g}" if ratio else ""
-    reason = f"no damping was found that decays at {rate:g} 1/s{ratio_too}"
-    reason += "".join(f"; {route.name}: {route.reason}" for route in routes)
-    if found:
-        reason = f"not proved for {guarantee}: {'; '.join(told)}"
-    return _refused(family, rate, lower, routes, reason, Status.NOT_VERIFIED if found else Status.INFEASIBLE)
+            family.places, damping, route.cost, rate, lower, held.carried, tried, more, synthesis
+        ), tuple(told)  # fmt: skip
+    return None, tuple(told)
+
+
+def _followed(
+    family: DampedFamily, small: DampedFamily, scales: Scales, inside: float, routes: tuple[Route, ...]
+) -> tuple[Route, ...]:
+    """One P for all vertices, followed from every damping found so far."""
+    found = []
+    for route in routes:
+        if not route.reason:
+            followed, why = followed_damping(small, inside / scales.rate, route.damping / scales.damping)
+            c = None if followed is None else followed * scales.damping
+            found.append(_route(f"inequality followed from the {route.name}", family, c, why))
+    return tuple(found)
 
 
 def _routes(
@@ -194,14 +227,7 @@ def _routes(
     descent = ends[0].c * scales.damping if ends[0].excess <= 0.0 else None
     outside = ends[0].excess * scales.rate
     routes.append(_route("pole descent", family, descent, f"the best end leaves a pole {outside:.3g} 1/s outside"))
-    if not between:
-        return tuple(routes)
-    for name, start in (("restriction", convex), ("descent", descent)):
-        if start is not None:
-            followed, why = followed_damping(small, inside / scales.rate, start / scales.damping)
-            c = None if followed is None else followed * scales.damping
-            routes.append(_route(f"inequality followed from the {name}", family, c, why))
-    return tuple(routes)
+    return (*routes, *_followed(family, small, scales, inside, tuple(routes))) if between else tuple(routes)
 
 
 def _route(name: str, family: DampedFamily, c: FloatArray | None, why: str) -> Route:
