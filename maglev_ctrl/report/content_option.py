@@ -187,18 +187,22 @@ def _margin_blocks(option: OptionStudy) -> list[Block]:
     margins = option.margins
     if margins is None:
         return [Paragraph(f"Margins were not evaluated: {option.margins_reason}")] if option.margins_reason else []
+    blocks = margin_blocks(margins, option.label)
+    chart = nyquist(option)
+    return [*blocks, FigureBlock(chart)] if chart is not None else blocks
+
+
+def margin_blocks(margins: Margins, label: str) -> list[Block]:
+    """Margins of every channel, of all at once, and what no replay confirmed."""
     rows = tuple(_channel_row(channel) for channel in margins.channels)
     heads = ("Channel", "Gain down", "Gain up", "Phase", "Delay", "Modulus", f"Disk {ALPHA}", "Verified")
-    caption = f"Margins of {option.label}, one channel at a time with the others closed"
+    caption = f"Margins of {label}, one channel at a time with the others closed"
     widths = (2.0, 1.0, 1.0, 0.9, 1.0, 0.9, 1.1, 0.9)
     blocks: list[Block] = [
         Table(caption, heads, rows, widths, (1, 2, 3, 4, 5, 6)), Paragraph(_multi_loop_words(margins.multi_loop)),
     ]  # fmt: skip
     unresolved = _unresolved(margins)
-    if unresolved:
-        blocks.append(Bullets(unresolved))
-    chart = nyquist(option)
-    return [*blocks, FigureBlock(chart)] if chart is not None else blocks
+    return [*blocks, Bullets(unresolved)] if unresolved else blocks
 
 
 def _channel_row(one: ChannelMargins) -> tuple[Cell, ...]:

@@ -131,7 +131,7 @@ def test_an_option_that_cannot_be_studied_keeps_its_requirements(
     def refuse(*_: object) -> None:
         raise ModelError("the car stands on nothing")
 
-    monkeypatch.setattr("maglev_ctrl.study.option.design_law", refuse)
+    monkeypatch.setattr("maglev_ctrl.study.option.designed_option", refuse)
     study = option(run(small_scenario()), "active")
     assert study.failure == "the car stands on nothing"
     assert study.verdict is Verdict.NOT_EVALUATED

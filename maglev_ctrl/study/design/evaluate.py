@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from maglev_ctrl.analysis.hamiltonian import balanced_realisation, largest_gain, response
-from maglev_ctrl.arrays import FloatArray, read_only, read_only_any
+from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only, read_only_any
 from maglev_ctrl.errors import MaglevError
 from maglev_ctrl.proofs.claims import GainClaim
 from maglev_ctrl.study.design.corners import Corner, systems_at
@@ -16,8 +16,8 @@ from maglev_ctrl.study.situation import OptionModel
 from maglev_ctrl.synthesis.design import Design
 from maglev_ctrl.synthesis.discretise import discretisation_loss, discretise
 from maglev_ctrl.synthesis.result import Synthesis
-from maglev_ctrl.systems import Controller, close_loop
-from maglev_ctrl.systems.plant import Plant, closed_channel
+from maglev_ctrl.systems import close_loop
+from maglev_ctrl.systems.plant import closed_channel
 
 CURVE_POINTS = 600
 
@@ -34,8 +34,8 @@ def corner_poles(model: OptionModel, corners: tuple[Corner, ...], design: Design
     for corner, system in systems_at(model, corners):
         law = model.law_at(corner.situation, design.controller)
         assert law is not None
-        found.append(CornerPoles(corner.name, _poles(system.state_matrix()),
-                                 _poles(close_loop(system, law).state_matrix())))  # fmt: skip
+        found.append(CornerPoles(corner.name, poles(system.state_matrix()),
+                                 poles(close_loop(system, law).state_matrix())))  # fmt: skip
     return tuple(found)
 
 
@@ -58,17 +58,24 @@ def gain_curve(synthesis: Synthesis) -> GainCurve | None:
     )
 
 
-def sampled_law(plant: Plant, controllers: Sequence[Controller], period: float) -> SampledLaw:
-    """The law sampled every `period` seconds, and the loss of the first one on its plant."""
-    made = tuple(discretise(controller, period) for controller in controllers)
+def sampled_law(synthesis: Synthesis, period: float) -> SampledLaw:
+    """The law as a computer runs it every `period` seconds, and the loss of the first one on its plant.
+
+    A law that was designed for samples is its own; one sampled after it was designed is discretised by Tustin's rule.
+    """
+    plant, laws = synthesis.plants[0], synthesis.controllers
+    if plant.dt is not None:
+        return SampledLaw(plant.dt, laws, None, "the law was designed for samples: nothing is lost by taking them")
+    made = tuple(discretise(controller, period) for controller in laws)
     try:
-        loss = discretisation_loss(plant, controllers[0], period)
-    except (MaglevError, np.linalg.LinAlgError) as fault:
+        loss = discretisation_loss(plant, laws[0], period)
+    except (MaglevError, ValueError, np.linalg.LinAlgError) as fault:
         return SampledLaw(period, made, None, f"{fault}")
     return SampledLaw(period, made, loss, "")
 
 
-def _poles(A: FloatArray) -> np.ndarray[tuple[int, ...], np.dtype[np.complex128]]:
+def poles(A: FloatArray) -> ComplexArray:
+    """Eigenvalues, read-only."""
     return read_only_any(np.linalg.eigvals(A).astype(complex))
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, assert_never
 
 import numpy as np
 
 from maglev_ctrl.arrays import FloatArray, read_only
-from maglev_ctrl.errors import Status
+from maglev_ctrl.errors import ModelError, Status
 from maglev_ctrl.proofs.claims import DecayClaim
 from maglev_ctrl.proofs.makers import lyapunov_claim
 from maglev_ctrl.proofs.prove import prove
@@ -34,10 +35,15 @@ from maglev_ctrl.synthesis.channels import generalised_plant, require_reachable
 from maglev_ctrl.synthesis.damping.hooked import design_hooked
 from maglev_ctrl.synthesis.design import Design, verify
 from maglev_ctrl.synthesis.gaussian import GuidewayNoise, SensorNoise
+from maglev_ctrl.synthesis.h2 import h2_output_feedback, h2_state_feedback
+from maglev_ctrl.synthesis.h_infinity import h_infinity_output_feedback, h_infinity_state_feedback
 from maglev_ctrl.synthesis.integral_action import Integral, lqi
 from maglev_ctrl.synthesis.laws import design_lqg, design_lqr
 from maglev_ctrl.synthesis.lmi.regions import Region, damping, disk, intersection
 from maglev_ctrl.synthesis.result import Synthesis, proven
+from maglev_ctrl.synthesis.scheduling.interpolated import scheduled_lqr
+from maglev_ctrl.synthesis.scheduling.polytopic import polytopic_lpv
+from maglev_ctrl.synthesis.scheduling.records import ScheduledDesign
 from maglev_ctrl.synthesis.skyhook import SkyHook as SkyHookDamper
 from maglev_ctrl.synthesis.skyhook import sky_hook
 from maglev_ctrl.synthesis.weights import InputWeight, OutputWeight
@@ -47,8 +53,8 @@ from maglev_ctrl.systems.scheduled import ScheduledController
 
 if TYPE_CHECKING:
     from maglev_ctrl.synthesis.predictive.design import PredictiveDesign
-    from maglev_ctrl.synthesis.scheduling.records import ScheduledDesign
 
+_UNITS = {"speed": "m/s", "height": "m", "gap": "m", "payload": "kg"}
 UNIT_DISTURBANCE = 1.0
 """m/s^2 (rad/s^2) per sqrt(Hz): what laws without a disturbance of their own are shown against."""
 
@@ -266,12 +272,12 @@ def _riccati(task: Task, record: RiccatiLaw) -> MadeLaw:
         guideway=guideway, name="design point",
     )  # fmt: skip
     require_reachable(plant)
-    from maglev_ctrl.synthesis.h2 import h2_synthesis
-    from maglev_ctrl.synthesis.h_infinity import h_infinity_synthesis
-
+    states = record.feedback == "states"
     if record.law == "h2":
-        return MadeLaw(_adopted(task, h2_synthesis(plant)), corners)
-    made = h_infinity_synthesis(plant, back_off=record.back_off)
+        best = h2_state_feedback(plant) if states else h2_output_feedback(plant)
+        return MadeLaw(_adopted(task, best.synthesis), corners)
+    feedback = h_infinity_state_feedback if states else h_infinity_output_feedback
+    made = feedback(plant, back_off=record.back_off)
     return MadeLaw(_adopted(task, made.synthesis), corners)
 
 
@@ -319,8 +325,52 @@ def _output_feedback(task: Task, record: OutputFeedback) -> MadeLaw:
 
 
 def _scheduled(task: Task, record: Scheduled) -> MadeLaw:
-    raise NotImplementedError
+    """Gains over one operating parameter; the law at the design point is the schedule's there."""
+    point = Situation.of_design(task.model.scenario)
+
+    def corner(value: float) -> Corner:
+        return Corner(replace(point, **{record.over: value}), 1.0, f"{record.over} {value:.6g} {_UNITS[record.over]}")
+
+    def plant_at(value: float) -> Plant:
+        return task.plants([corner(value)], disturbance=UNIT_DISTURBANCE)[0]
+
+    values = [node.value for node in record.nodes]
+    plants = [plant_at(value) for value in values]
+    middles = [0.5 * (low + high) for low, high in pairwise(values)]
+    between = [(value, plant_at(value)) for value in middles]
+    wanted = None if record.fastest_change is None else record.fastest_change.value
+    if record.method == "interpolated":
+        made = scheduled_lqr(
+            plants, values, parameter=record.over, unit=_UNITS[record.over], between=between, plant_at=plant_at,
+            wanted_rate=wanted, time_limit=record.time_limit,
+        )  # fmt: skip
+    else:
+        made = polytopic_lpv(
+            plants, values, parameter=record.over, unit=_UNITS[record.over], time_limit=record.time_limit
+        )
+    if made.schedule is None:
+        made.require()
+        raise ModelError("scheduled law: no schedule over one parameter was made")
+    design = _adopted(task, made.synthesis, schedule=made.schedule)
+    nodes = tuple(corner(float(value)) for value in made.schedule.nodes)
+    return MadeLaw(design, (*task.corners(None), *nodes), scheduled=made)
 
 
 def _predictive(task: Task, record: Predictive) -> MadeLaw:
-    raise NotImplementedError
+    """Predictive control; margins and sweeps are those of the linear law that it equals while no limit is active."""
+    from maglev_ctrl.study.design.predictive import predictive_law
+
+    system = task.system()
+    linear = design_lqr(system, task.outputs, task.inputs, name=task.name)
+    predictive = predictive_law(task.model, system, task.law, record, linear)
+    if not predictive.synthesis.controllers:
+        raise ModelError(f"{predictive.synthesis.status.value}; {predictive.synthesis.message}")
+    note = (
+        "poles, sweeps and margins are those of the continuous linear-quadratic law with the same weights; while no "
+        "limit is active the predictive law is its sampled form"
+    )
+    design = replace(
+        linear, law="predictive control", synthesis=predictive.synthesis,
+        notes=(*linear.notes, note, *predictive.synthesis.notes),
+    )  # fmt: skip
+    return MadeLaw(design, task.corners(None), predictive=predictive)

@@ -7,18 +7,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from maglev_ctrl.analysis.margins import Margins, loop_margins
 from maglev_ctrl.errors import MaglevError, ModelError, Status
 from maglev_ctrl.scenario import OptionRecord, Scenario, describe_option
-from maglev_ctrl.study.design.budget import budgeted
+from maglev_ctrl.scenario.control_schema import Predictive, Scheduled
+from maglev_ctrl.study.design.budgeted import budgeted, design_margins
 from maglev_ctrl.study.design.document import design_document
 from maglev_ctrl.study.design.evaluate import corner_poles, gain_curve, sampled_law
 from maglev_ctrl.study.design.make import MadeLaw, make_law
-from maglev_ctrl.study.design.manoeuvre import predictive_study
-from maglev_ctrl.study.design.records import LawStudy
+from maglev_ctrl.study.design.predictive import predictive_study
+from maglev_ctrl.study.design.records import LawStudy, PredictiveStudy
 from maglev_ctrl.study.law import delayed_certificate
-from maglev_ctrl.study.loops import option_loops
-from maglev_ctrl.study.situation import OptionModel, Situation
+from maglev_ctrl.study.situation import OptionModel
 
 
 def study_law(scenario: Scenario, option: OptionRecord) -> LawStudy:
@@ -43,7 +42,8 @@ def lost_law(scenario: Scenario, option: OptionRecord, reason: str) -> LawStudy:
         name=option.name, label=option.label or option.name, kind=option.kind, summary=summary,
         law=summary[-1] if option.control is not None else "passive dampers of least cost", failure=reason,
         status=Status.NUMERICAL_ERROR, design=None, synthesis=None, corners=(), region=None, gain=None, margins=None,
-        margins_reason="", delays="", sampled=None, schedule=None, budget=None, predictive=None, document=None,
+        margins_reason="", delays="", sampled=None, schedule=None, asked="",
+        budget=None, chosen=float("nan"), predictive=None, document=None,
         notes=(), seconds=0.0,
     )  # fmt: skip
 
@@ -56,7 +56,7 @@ def _controlled(scenario: Scenario, option: OptionRecord, blank: LawStudy) -> La
     design = made.design
     if design.schedule is not None:
         model = replace(model, schedule=design.schedule)
-    margins, reason = _margins(model, made)
+    margins, reason = design_margins(model, design.controller)
     synthesis = design.synthesis
     assert option.control is not None
     period = option.control.sampling_period
@@ -71,16 +71,26 @@ def _controlled(scenario: Scenario, option: OptionRecord, blank: LawStudy) -> La
         margins=margins,
         margins_reason=reason,
         delays=delayed_certificate(model, design),
-        sampled=None if period is None or synthesis is None else sampled_law(synthesis, design, period),
+        sampled=None if period is None or synthesis is None else sampled_law(synthesis, period),
         schedule=made.scheduled,
-        predictive=None if made.predictive is None else predictive_study(scenario, option, made.predictive),
+        asked=_asked(option, made),
+        predictive=_predicted(scenario, option, made),
         notes=design.notes,
     )  # fmt: skip
 
 
-def _margins(model: OptionModel, made: MadeLaw) -> tuple[Margins | None, str]:
-    try:
-        loops = option_loops(model, Situation.of_design(model.scenario), made.design.controller)
-        return (loop_margins(loops.loop()), "") if loops else (None, "there is no loop to break")
-    except (MaglevError, np.linalg.LinAlgError) as fault:
-        return None, f"{fault}"
+def _predicted(scenario: Scenario, option: OptionRecord, made: MadeLaw) -> PredictiveStudy | None:
+    if made.predictive is None or not isinstance(option.control, Predictive):
+        return None
+    return predictive_study(scenario, option, option.control, made.predictive)
+
+
+def _asked(option: OptionRecord, made: MadeLaw) -> str:
+    """How fast the parameter changes at most, against what the proof allows."""
+    record = option.control
+    if not isinstance(record, Scheduled) or record.fastest_change is None or made.scheduled is None:
+        return ""
+    wanted, limit = record.fastest_change, made.scheduled.rate_limit
+    if limit >= wanted.value:
+        return f"Asked for: {record.over} changes by {wanted.text} at most; the proof allows it."
+    return f"Asked for: {record.over} changes by {wanted.text} at most; the proof does not allow it."

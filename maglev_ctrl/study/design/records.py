@@ -52,10 +52,24 @@ class SampledLaw:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
+class Signal:
+    """One limited output or command over the samples of a manoeuvre, SI; `limit` NaN where it has none."""
+
+    name: str
+    unit: str  # display unit
+    scale: float  # display value = SI value * scale
+    limit: float
+    predicted: FloatArray  # (k,)
+    saturated: FloatArray  # (k,)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
 class PredictiveStudy:
     """Predictive control and the manoeuvre it is shown by, beside the saturated law that takes over where it fails."""
 
     design: PredictiveDesign
+    time: FloatArray  # (k,) s
+    signals: tuple[Signal, ...]
     with_prediction: PredictiveRun
     saturated: PredictiveRun
 
@@ -81,7 +95,9 @@ class LawStudy:
     delays: str  # "" where the loop with its actuator delays is stable too, else what is not
     sampled: SampledLaw | None
     schedule: ScheduledDesign | None
+    asked: str  # what the schedule was asked for against what is proved, "" without a question
     budget: DampingBudget | None
+    chosen: float  # decay rate the dampers were chosen for, 1/s; NaN without a budget
     predictive: PredictiveStudy | None
     document: dict[str, Any] | None  # the self-contained design, as `maglev-ctrl verify` reads it
     notes: tuple[str, ...]

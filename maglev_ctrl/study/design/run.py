@@ -1,4 +1,4 @@
-"""survey_design(scenario) -> DesignStudy: every law of a scenario made, proved, judged and sampled, one option a task."""
+"""survey_design(scenario) -> DesignStudy: every law of a scenario made, proved and sampled, one option a task."""
 
 from __future__ import annotations
 

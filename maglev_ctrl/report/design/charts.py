@@ -1,0 +1,220 @@
+"""Figures of a design: poles at its corners, gain over frequency, gains of a schedule, cost of damping, a manoeuvre."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from maglev_ctrl.arrays import ComplexArray, FloatArray
+from maglev_ctrl.report.chart import Area, Axis, Chart, Item, Line, Marks, Panel, Rule, Span
+from maglev_ctrl.report.style import FADED, FAIL_COLOUR, INK, colour, dash, number
+from maglev_ctrl.study.design.records import CornerPoles, GainCurve, LawStudy, PredictiveStudy
+from maglev_ctrl.synthesis.damping.budget import BudgetCurve, DampingBudget
+from maglev_ctrl.synthesis.lmi.regions import Region, contains
+from maglev_ctrl.systems.scheduled import ScheduledController
+
+MOST_GAINS = 10
+_HERTZ = 2.0 * np.pi
+
+
+def poles_chart(study: LawStudy) -> Chart | None:
+    """Open- and closed-loop poles of every corner, once for the slow ones of the vehicle; None without corners."""
+    if not study.corners:
+        return None
+    window = _window(study.corners)
+    items: list[Item] = []
+    if study.region is not None:
+        items.append(_region_area(study.region, window))
+    opened = np.concatenate([corner.open_loop for corner in study.corners])
+    closed = np.concatenate([corner.closed_loop for corner in study.corners])
+    items.append(Span("x", 0.0, window[1], FAIL_COLOUR, 0.10, label="unstable"))
+    items.append(Rule("x", 0.0, "", INK, "solid", 0.7))
+    for poles, symbol, label, tint, size, key in (
+        (opened, "cross", "without the law", FADED, 5.0, "open_loop"),
+        (closed, "circle", "with the law", colour(1), 4.5, "closed_loop"),
+    ):
+        items.append(Marks(poles.real, poles.imag, symbol, label, tint, size, _hover(study, key)))
+    outside = int(np.sum((closed.real < window[0]) | (np.abs(closed.imag) > window[2])))
+    corners = "" if len(study.corners) == 1 else f" at {len(study.corners)} operating points"
+    more = f" {outside} faster ones lie outside the figure." if outside else ""
+    worst = float(np.max(closed.real, initial=-np.inf))
+    return Chart(
+        key=f"{study.name}-poles",
+        caption=f"Poles of {study.label}{corners}, actuator delays left out; crosses without the law, dots with it."
+        f"{more}",
+        alt=f"Poles of {study.label}: the rightmost pole with the law is at {number(worst, '1/s')}.",
+        panels=(Panel(tuple(items), Axis("real part (1/s)", limits=window[:2]),
+                      Axis("imaginary part (rad/s)", limits=(-window[2], window[2]))),),
+        panel_height=2.6,
+    )  # fmt: skip
+
+
+def gain_chart(study: LawStudy) -> Chart | None:
+    """Largest gain from disturbances to performance over frequency; None where there is no such channel."""
+    if study.gain is None:
+        return None
+    curve = study.gain
+    x = np.log10(curve.frequency / _HERTZ)
+    items: list[Item] = [
+        Line(x, _decibel(curve.open_loop), "without the law", FADED, "dash"),
+        Line(x, _decibel(curve.closed_loop), "with the law", colour(1)),
+    ]
+    if np.isfinite(curve.level):
+        items.append(Rule("y", float(_decibel(np.array([curve.level]))[0]), "proved bound", colour(2), "dashdot", 1.2))
+    ticks = tuple(float(k) for k in range(int(np.ceil(x[0])), int(np.floor(x[-1])) + 1))
+    labels = tuple(f"{10.0**k:g}" for k in ticks)
+    peak = float(np.max(curve.closed_loop))
+    proved = f" It is proved to stay below {number(curve.level)}." if np.isfinite(curve.level) else ""
+    return Chart(
+        key=f"{study.name}-gain",
+        caption=f"Largest gain of {study.label} from all disturbances, each in units of its density, to all weighted "
+        f"outputs and commands, each in units of its allowed value, at the design point.{proved}",
+        alt=f"Gain of {study.label} over frequency, largest {number(peak)} with the law.",
+        panels=(Panel(tuple(items), Axis("frequency (Hz)", limits=(float(x[0]), float(x[-1])), ticks=ticks,
+                                         tick_labels=labels),
+                      Axis("gain (dB)", limits=_gain_limits(curve))),),
+        panel_height=2.1,
+    )  # fmt: skip
+
+
+def schedule_chart(study: LawStudy, schedule: ScheduledController, *, scale: float, unit: str) -> Chart:
+    """The largest gains of a scheduled law over its parameter, each relative to its own largest value."""
+    x = scale * schedule.nodes
+    gains = np.stack([law.D if law.D.any() else law.C for law in schedule.controllers])
+    size = np.max(np.abs(gains), axis=0)
+    order = np.dstack(np.unravel_index(np.argsort(-size, axis=None), size.shape))[0][:MOST_GAINS]
+    first = schedule.controllers[0]
+    names = first.measured if first.D.any() else first.states
+    items: list[Item] = []
+    for place, (i, j) in enumerate(order):
+        if size[i, j] <= 0.0:
+            continue
+        label = f"{names[j]} to {first.commands[i]}"
+        items.append(Line(x, gains[:, i, j] / size[i, j], label, colour(place + 1), dash(place // 4)))
+        items.append(Marks(x, gains[:, i, j] / size[i, j], "circle", "", colour(place + 1), 3.0))
+    return Chart(
+        key=f"{study.name}-schedule",
+        caption=f"Gains of {study.label} over {schedule.parameter}, each relative to its largest value; the "
+        f"{len(items) // 2} largest are shown. Dots are the nodes where laws are designed.",
+        alt=f"{len(items) // 2} gains of {study.label} over {schedule.parameter}.",
+        panels=(Panel((*items, Rule("y", 0.0, "", INK, "solid", 0.7)), Axis(f"{schedule.parameter} ({unit})"),
+                      Axis("gain relative to its largest")),),
+        panel_height=2.2,
+    )  # fmt: skip
+
+
+def budget_chart(study: LawStudy, budget: DampingBudget, *, chosen: float) -> Chart:
+    """Cost against proved decay rate, all places together and each alone, and where the damping sits."""
+    unit = "1/s" if budget.quantity == "decay rate" else ""
+    axis = Axis(f"proved {budget.quantity}" + (f" ({unit})" if unit else ""))
+    costs: list[Item] = []
+    for order, curve in enumerate((budget.together, *budget.alone)):
+        label = "all places" if order == 0 else f"only {curve.places[0]}"
+        cost, tint = curve.cost / 1e3, colour(order + 1)
+        costs.append(Line(curve.margin, cost, label, tint, "solid" if order == 0 else "dash", 1.6))
+        costs.append(Marks(curve.margin, cost, "circle" if order == 0 else "square", "", tint, 4.0))
+    together = budget.together
+    costs += _unproved(together)
+    costs.append(Line(together.margin, together.lower_bound / 1e3, "nothing is cheaper", FADED, "dot", 1.0))
+    where: list[Item] = [
+        Line(budget.together.margin, budget.together.damping[:, k] / 1e3, name, colour(k + 1), dash(k), 1.4)
+        for k, name in enumerate(budget.together.places)
+    ]
+    mark = Rule("x", chosen, "chosen", INK, "dot", 1.0)
+    return Chart(
+        key=f"{study.name}-budget",
+        caption=f"What a proved {budget.quantity} costs in dampers, weighted N s/m, with all places together and each "
+        "place alone (left), and how the damping is shared out (right). The dotted grey line is a bound from the sum "
+        "of the poles: nothing is cheaper.",
+        alt=f"Cost of damping against {budget.quantity}: up to {number(budget.together.best_margin, unit)} is proved.",
+        panels=(Panel((*costs, mark), axis, Axis("weighted damping (kN s/m)"), title="cost"),
+                Panel((*where, mark), axis, Axis("damping (kN s/m)"), title="where it sits")),
+        columns=2, panel_height=2.2, legend="bottom",
+    )  # fmt: skip
+
+
+def _unproved(curve: BudgetCurve) -> list[Item]:
+    missing = ~curve.certified
+    if not np.any(missing):
+        return []
+    return [Marks(curve.margin[missing], np.zeros(int(np.sum(missing))), "cross", "UNRESOLVED", FAIL_COLOUR, 5.0,
+                  tuple(reason for reason in curve.reasons if reason))]  # fmt: skip
+
+
+def manoeuvre_chart(study: LawStudy, predictive: PredictiveStudy) -> Chart:
+    """Limited outputs and commands of the shown manoeuvre, with prediction and with the saturated law."""
+    panels: list[Panel] = []
+    for signal in predictive.signals:
+        items: list[Item] = [
+            Line(predictive.time, signal.scale * signal.predicted, "with prediction", colour(1), "solid", 1.6),
+            Line(predictive.time, signal.scale * signal.saturated, "saturated law", colour(2), "dash", 1.3),
+        ]
+        if np.isfinite(signal.limit):
+            ends = ((signal.limit, "limit"), (-signal.limit, ""))
+            items += [Rule("y", signal.scale * end, label, FAIL_COLOUR, "dot", 1.0) for end, label in ends]
+        panels.append(Panel(tuple(items), Axis("time (s)"), Axis(f"{signal.name} ({signal.unit})")))
+    return Chart(
+        key=f"{study.name}-manoeuvre",
+        caption=f"The shown manoeuvre of {study.label}: with prediction, and with the linear law cut at its limits.",
+        alt=f"{len(panels)} signals over time of the manoeuvre of {study.label}.",
+        panels=tuple(panels), panel_height=1.5, share_x=True,
+    )  # fmt: skip
+
+
+def _decibel(values: FloatArray) -> FloatArray:
+    return np.asarray(20.0 * np.log10(np.maximum(values, 1e-300)))
+
+
+def _gain_limits(curve: GainCurve) -> tuple[float, float]:
+    """Resonances without damping are cut: they would leave nothing of the rest to see."""
+    closed = _decibel(curve.closed_loop)
+    top = max(float(np.max(closed)), float(np.percentile(_decibel(curve.open_loop), 95.0)))
+    if np.isfinite(curve.level):
+        top = max(top, float(_decibel(np.array([curve.level]))[0]))
+    bottom = max(float(np.percentile(closed, 10.0)), top - 80.0)
+    return bottom - 5.0, top + 10.0
+
+
+def _window(corners: tuple[CornerPoles, ...]) -> tuple[float, float, float]:
+    """Left and right end of the real axis and half the height: what belongs to the vehicle, not to fast lags."""
+    every: ComplexArray = np.concatenate([np.concatenate([c.open_loop, c.closed_loop]) for c in corners])
+    lively = every[(np.abs(every.imag) > 1e-9) | (every.real > -1.0)]
+    size = np.abs(lively if lively.size else every)
+    reach = 3.0 * float(np.median(size)) if size.size else 1.0
+    shown = every[np.abs(every) <= max(reach, 1e-6)]
+    shown = shown if shown.size else every
+    left = 1.15 * min(float(np.min(shown.real)), -0.1 * float(np.max(np.abs(shown))))
+    right = max(0.25 * abs(left), 1.3 * float(np.max(shown.real)))
+    height = 1.15 * max(float(np.max(np.abs(shown.imag))), 0.2 * abs(left))
+    return left, right, height
+
+
+def _region_area(region: Region, window: tuple[float, float, float]) -> Area:
+    """The outline of a region of poles inside the window, found ray by ray from a point well inside."""
+    left, _, height = window
+    centre = complex(_inside(region, left), 0.0)
+    reach = 4.0 * (abs(left) + height)
+    outline: list[complex] = []
+    for angle in np.linspace(0.0, 2.0 * np.pi, 181):
+        ray = np.exp(1j * angle)
+        low, high = 0.0, reach
+        for _ in range(40):
+            middle = 0.5 * (low + high)
+            if bool(contains(region, np.array([centre + middle * ray]))[0]):
+                low = middle
+            else:
+                high = middle
+        outline.append(centre + low * ray)
+    shape = np.array(outline)
+    x, y = np.clip(shape.real, left, None), np.clip(shape.imag, -height, height)
+    return Area(x, y, "asked for", colour(3), 0.12, colour(3), "dash", 0.9)
+
+
+def _inside(region: Region, left: float) -> float:
+    """A real point of the region, as far from its ends as possible."""
+    points = np.concatenate([np.linspace(left, 0.0, 400), -np.geomspace(1e-3, 1e4, 400)])
+    kept = np.sort(points[contains(region, points.astype(complex))])
+    return float(kept[len(kept) // 2]) if kept.size else 0.5 * left
+
+
+def _hover(study: LawStudy, key: str) -> tuple[str, ...]:
+    return tuple(corner.name for corner in study.corners for _ in getattr(corner, key))

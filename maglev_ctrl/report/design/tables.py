@@ -1,0 +1,131 @@
+"""Tables of a design: claims and proofs, numbers reported and recomputed, corners, gains, sampling, cost of damping."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from maglev_ctrl.analysis.margins import Margins
+from maglev_ctrl.errors import Verdict
+from maglev_ctrl.report.model import Cell, Table, cell, row
+from maglev_ctrl.report.style import ABSENT, number
+from maglev_ctrl.study.design.records import LawStudy, SampledLaw
+from maglev_ctrl.synthesis.damping.budget import DampingBudget
+
+MOST_ENTRIES = 60
+
+
+def claim_table(option: LawStudy) -> Table:
+    """Every claim in a sentence, whether it is proved, by how much and by what."""
+    assert option.synthesis is not None
+    rows = tuple(
+        (cell(proof.statement.partition(" (L + s M")[0]), cell(Verdict.PASS if proof.holds else Verdict.FAIL),
+         cell(number(proof.margin)), cell(proof.method if proof.holds else proof.reason))
+        for proof in option.synthesis.proofs
+    )  # fmt: skip
+    caption = (
+        f"What {option.label} claims and how it was proved. Margin: smallest eigenvalue of the inequality, scaled to a "
+        "largest of about one"
+    )
+    return Table(caption, ("Claim", "Proved", "Margin", "By"), rows, (4.2, 0.9, 0.8, 1.4), (2,), True)
+
+
+def performance_table(option: LawStudy) -> Table:
+    """Numbers a solver reported beside the same numbers found again from the closed loop."""
+    assert option.synthesis is not None
+    rows = tuple(
+        row(one.quantity, ABSENT if np.isnan(one.reported) else number(one.reported, one.unit, digits=7),
+            number(one.recomputed, one.unit, digits=7))
+        for one in option.synthesis.performance
+    )  # fmt: skip
+    caption = f"Numbers of {option.label}: as the synthesis reports them, and computed again by independent code"
+    return Table(caption, ("Quantity", "Reported", "Recomputed"), rows, (2.4, 1.2, 1.2), (1, 2))
+
+
+def corner_table(option: LawStudy) -> Table:
+    """Rightmost poles without and with the law, at every operating point."""
+    rows = tuple(
+        row(corner.name, number(float(np.max(corner.open_loop.real)), "1/s"),
+            number(float(np.max(corner.closed_loop.real)), "1/s"), number(_least_damping(corner.closed_loop)))
+        for corner in option.corners
+    )  # fmt: skip
+    caption = f"Operating points {option.label} has to hold at: rightmost poles and least damping ratio"
+    heads = ("Operating point", "Without the law", "With the law", "Least damping ratio")
+    return Table(caption, heads, rows, (3.0, 1.1, 1.1, 1.1), (1, 2, 3), True)
+
+
+def gain_table(option: LawStudy) -> Table | None:
+    """The gains of a constant law; of a dynamic one its order and poles are told elsewhere, so None."""
+    design = option.design
+    if design is None or design.controller.states or design.schedule is not None:
+        return None
+    law = design.controller
+    entries = [
+        (law.commands[i], law.measured[j], float(law.D[i, j]))
+        for i in range(law.D.shape[0])
+        for j in range(law.D.shape[1])
+        if law.D[i, j] != 0.0
+    ]
+    entries.sort(key=lambda entry: entry[:2])
+    rows = tuple(row(name, seen, number(value, digits=5)) for name, seen, value in entries[:MOST_ENTRIES])
+    more = len(entries) - len(rows)
+    caption = f"Gains of {option.label}: command in SI units per unit of what is measured, u = gain x measurement"
+    caption += f" ({more} more are in design.json)" if more > 0 else ""
+    return Table(caption, ("Command", "Measured", "Gain"), rows, (1.6, 2.2, 1.2), (2,), True)
+
+
+def sampled_table(sampled: SampledLaw) -> Table:
+    """Smallest margins of the continuous loop beside those of the sampled one."""
+    loss = sampled.loss
+    assert loss is not None
+    rows: list[tuple[Cell, ...]] = []
+    before, after = smallest_margins(loss.continuous), smallest_margins(loss.sampled)
+    names = (("gain margin", "dB"), ("phase margin", "deg"), ("disk margin, all channels", ""))
+    for (name, unit), old, new in zip(names, before, after, strict=True):
+        lost = 0.0 if abs(old - new) < 1e-6 * abs(old) else old - new
+        rows.append(row(name, number(old, unit), number(new, unit), number(lost, unit)))
+    stable = "stable" if loss.stable else "NOT STABLE"
+    limit = loss.largest_period
+    reach = f"{number(1e3 * limit.value, 'ms')}{'' if limit.verified else ' (not verified)'}"
+    caption = (
+        f"The law sampled every {number(1e3 * sampled.period, 'ms')} ({loss.method}), commands held between samples, "
+        f"actuator delays left out: {stable}, spectral radius {number(loss.spectral_radius, digits=6)}. Largest period "
+        f"that keeps the loop stable: {reach}"
+    )
+    return Table(caption, ("Margin", "Continuous", "Sampled", "Lost"), tuple(rows), (2.0, 1.0, 1.0, 1.0), (1, 2, 3))
+
+
+def smallest_margins(margins: Margins | None) -> tuple[float, float, float]:
+    """Smallest gain margin (dB) and phase margin (deg) of any channel, and the proven disk margin of all at once."""
+    if margins is None:
+        return float("nan"), float("nan"), float("nan")
+    gains = [min(abs(one.gain_reduction.decibel), one.gain_increase.decibel) for one in margins.channels]
+    phases = [one.phase.value for one in margins.channels]
+    return min(gains), min(phases), margins.multi_loop.alpha_proven
+
+
+def budget_table(budget: DampingBudget, chosen: float) -> Table:
+    """Cost and damping at each place for every margin of the curve."""
+    together, rate = budget.together, budget.quantity == "decay rate"
+    rows: list[tuple[Cell, ...]] = []
+    for i, margin in enumerate(together.margin):
+        proved = Verdict.PASS if together.certified[i] else Verdict.NOT_EVALUATED
+        rows.append((
+            cell(number(float(margin), "1/s" if rate else "") + (" (chosen)" if margin == chosen else "")),
+            cell(number(1e-3 * float(together.cost[i]))), cell(number(1e-3 * float(together.lower_bound[i]))),
+            *(cell(number(1e-3 * float(c))) for c in together.damping[i]),
+            cell(number(1e-3 * float(together.marginal[i]))), cell(proved),
+            *(cell(number(1e-3 * float(curve.cost[i]))) for curve in budget.alone),
+        ))  # fmt: skip
+    heads = (
+        budget.quantity.capitalize(), "Cost", "At least", *together.places, "Cost per unit more", "Proved",
+        *(f"Cost with only {curve.places[0]}" for curve in budget.alone),
+    )  # fmt: skip
+    caption = (
+        f"Least cost found, in weighted kN s/m, and the damping of each place in kN s/m; carried: {budget.guarantee}"
+    )
+    return Table(caption, heads, tuple(rows), (), tuple(range(1, len(heads))), True)
+
+
+def _least_damping(poles: np.ndarray[tuple[int, ...], np.dtype[np.complex128]]) -> float:
+    swinging = poles[np.abs(poles.imag) > 1e-9 * np.abs(poles)]
+    return float(np.min(-swinging.real / np.abs(swinging))) if swinging.size else float("nan")
