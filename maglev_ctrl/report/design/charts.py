@@ -28,11 +28,9 @@ def poles_chart(study: LawStudy) -> Chart | None:
     closed = np.concatenate([corner.closed_loop for corner in study.corners])
     items.append(Span("x", 0.0, window[1], FAIL_COLOUR, 0.10, label="unstable"))
     items.append(Rule("x", 0.0, "", INK, "solid", 0.7))
-    for poles, symbol, label, tint, size, key in (
-        (opened, "cross", "without the law", FADED, 5.0, "open_loop"),
-        (closed, "circle", "with the law", colour(1), 4.5, "closed_loop"),
-    ):
-        items.append(Marks(poles.real, poles.imag, symbol, label, tint, size, _hover(study, key)))
+    away, held = _hover(study, "open_loop"), _hover(study, "closed_loop")
+    items.append(Marks(opened.real, opened.imag, "cross", "without the law", FADED, 5.0, away))
+    items.append(Marks(closed.real, closed.imag, "circle", "with the law", colour(1), 4.5, held))
     outside = int(np.sum((closed.real < window[0]) | (np.abs(closed.imag) > window[2])))
     corners = "" if len(study.corners) == 1 else f" at {len(study.corners)} operating points"
     more = f" {outside} faster ones lie outside the figure." if outside else ""

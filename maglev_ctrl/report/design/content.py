@@ -162,7 +162,12 @@ def _budget(option: LawStudy) -> list[Block]:
 
 def _unproved_words(curve: BudgetCurve) -> str:
     which = "With all places" if len(curve.places) > 1 else f"With {curve.places[0]} alone"
-    return f"{which}, not proved: " + "; ".join(dict.fromkeys(reason for reason in curve.reasons if reason)) + "."
+    missing = [k for k, reason in enumerate(curve.reasons) if reason]
+    first = curve.reasons[missing[0]].partition("; ")[0]
+    if len(missing) == len(curve.reasons):
+        return f"{which} nothing was proved at any margin; at the smallest: {first}."
+    margins = ", ".join(number(float(curve.margin[k])) for k in missing)
+    return f"{which} the margins {margins} were not proved: {first}."
 
 
 def _schedule(option: LawStudy) -> list[Block]:

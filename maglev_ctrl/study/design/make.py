@@ -52,8 +52,12 @@ from maglev_ctrl.systems.plant import Plant, closed_channel
 from maglev_ctrl.systems.scheduled import ScheduledController
 
 if TYPE_CHECKING:
+    from maglev_ctrl.synthesis.lmi.request import Objective
     from maglev_ctrl.synthesis.predictive.design import PredictiveDesign
 
+_OBJECTIVES: dict[str, Objective] = {
+    "h2": "h2", "h_infinity": "h_infinity", "decay_rate": "decay", "gain": "gain", "none": "feasible",
+}  # fmt: skip
 _UNITS = {"speed": "m/s", "height": "m", "gap": "m", "payload": "kg"}
 UNIT_DISTURBANCE = 1.0
 """m/s^2 (rad/s^2) per sqrt(Hz): what laws without a disturbance of their own are shown against."""
@@ -291,13 +295,12 @@ def region_of(record: MultiObjective) -> Region | None:
 def _multi_objective(task: Task, record: MultiObjective) -> MadeLaw:
     corners = task.corners(record.corners)
     plants = task.plants(corners, disturbance=record.disturbance)
-    objective = {"decay_rate": "decay", "none": "feasible"}.get(record.objective, record.objective)
     region = region_of(record)
     from maglev_ctrl.synthesis.lmi.request import MultiObjective as Request
     from maglev_ctrl.synthesis.lmi.state_feedback import multi_objective
 
     request = Request(
-        objective=objective, h2_below=record.h2_below, h_infinity_below=record.h_infinity_below,
+        objective=_OBJECTIVES[record.objective], h2_below=record.h2_below, h_infinity_below=record.h_infinity_below,
         decay_rate=record.decay_rate, region=region, gain_below=record.gain_below,
     )  # fmt: skip
     made = multi_objective(
