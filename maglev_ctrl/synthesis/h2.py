@@ -123,13 +123,14 @@ def _design(law: str, plant: Plant, *, output: bool) -> H2Design:
     try:
         require_movable(plant, output=output)
         found = defects(plant if plant.dt is None else continuous_plant(plant), output=output)
-        shares = SHARES if found.any else (0.0,)
+        pose = _output_law if output else _state_law
         made: list[tuple[float, _Law]] = []
-        for share in shares:
-            posed = plant if share == 0.0 else enlarged(plant, found, share)
-            one = _output_law(posed) if output else _state_law(posed)
-            if one is not None:
-                made.append((share, one))
+        if not found.any and (one := pose(plant)) is not None:
+            made = [(0.0, one)]
+        if not made:
+            found = found if found.any else replace(found, unclear=True)
+            solved = ((share, pose(enlarged(plant, found, share))) for share in SHARES)
+            made = [(share, one) for share, one in solved if one is not None]
     except ModelError as error:
         return _none(law, plant, Status.INFEASIBLE, str(error))
     except LinAlgError:

@@ -8,7 +8,7 @@ bound in most problems. What the law reaches is then computed again from the clo
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.linalg import LinAlgError
@@ -217,7 +217,9 @@ def _posed(plant: Plant, pose: Callable[[Plant], Problem], back_off: float, gamm
     if not found.any:
         problem = pose(plant)
         bracket = infimum(problem.trial, floor=problem.floor, scale=problem.scale)
-        return [] if bracket is None else [_Posed(problem, bracket, bracket.upper, ())]
+        if bracket is not None:
+            return [_Posed(problem, bracket, bracket.upper, ())]
+        found = replace(found, unclear=True)
     tried: list[tuple[float, Problem, Infimum]] = []
     for share in SHARES:
         problem = pose(enlarged(plant, found, share))

@@ -98,12 +98,14 @@ def normal_form(plant: Plant) -> NormalForm:
     (0.5, 0.25)
     """
     m2, p2 = plant.B2.shape[1], plant.C2.shape[0]
-    left, size, right = np.linalg.svd(plant.D12)
+    unit = np.linalg.norm(plant.D12, axis=0)  # units first, or the rotation would lose the small ones
+    left, size, right = np.linalg.svd(plant.D12 / unit)
     Z = np.hstack([left[:, m2:], left[:, :m2]])  # columns: uncommanded first
-    command = right.T / size
-    left, size, right = np.linalg.svd(plant.D21)
+    command = right.T / size / unit[:, None]
+    unit = np.linalg.norm(plant.D21, axis=1)
+    left, size, right = np.linalg.svd(plant.D21 / unit[:, None])
     W = np.hstack([right[p2:].T, right[:p2].T])
-    measurement = left.T / size[:, None]
+    measurement = left.T / size[:, None] / unit
     return NormalForm(
         plant.A, plant.B1 @ W, plant.B2 @ command, Z.T @ plant.C1, measurement @ plant.C2, Z.T @ plant.D11 @ W,
         command, measurement, plant.D22,

@@ -11,6 +11,7 @@ back negative: theta passes a right angle smoothly, so neither "X >= 0" nor "X e
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,7 +41,7 @@ class Channel:
     @property
     def floor(self) -> float:
         """No gain below this is possible, whatever the dynamics: what the command cannot cancel of D11."""
-        if not self.D11.size:
+        if not np.any(self.D11):
             return 0.0
         rest = self.D11
         if self.sees_disturbance and self.D12.size:
@@ -104,6 +105,8 @@ def solve_game(channel: Channel, gamma: float, *, refine: bool = False) -> Game:
     G, Q = 0.5 * (G + G.T), 0.5 * (Q + Q.T)
     columns = np.linalg.norm(channel.C, axis=0)
     noise = 1e-13 * np.outer(columns, columns) * (1.0 + float(np.linalg.norm(D @ np.linalg.solve(R, D.T))))
+    if not all(np.all(np.isfinite(matrix)) for matrix in (F, G, Q)):
+        return nothing
     H, states, scale = _balanced(F, G, Q, np.where(np.abs(Q) > noise, np.abs(Q), 0.0))
     if not np.all(np.isfinite(H)):
         return nothing
@@ -112,7 +115,7 @@ def solve_game(channel: Channel, gamma: float, *, refine: bool = False) -> Game:
         return Game(gamma, False, False, -np.pi, _axis_gap(poles))
     U, V = basis[:n], basis[n:]
     unitary = U + 1j * V
-    defect = float(np.linalg.norm(unitary @ unitary.conj().T - np.eye(n), 2))
+    defect = float(np.linalg.norm(unitary @ unitary.conj().T - np.eye(n)))
     if not defect <= LAGRANGIAN:
         return Game(gamma, False, False, -np.pi, _axis_gap(poles))
     turned = np.angle(np.linalg.eigvals(unitary @ unitary.T))
@@ -142,7 +145,8 @@ def _balanced(F: FloatArray, G: FloatArray, Q: FloatArray, weight: FloatArray) -
     n = F.shape[0]
     magnitude = np.abs(np.block([[F, G], [weight, F.T]]))
     np.fill_diagonal(magnitude, 0.0)
-    _, (balance, _) = matrix_balance(magnitude, separate=True, permute=False)
+    with np.errstate(invalid="ignore"):  # its permutation, not used, is cast to integers
+        _, (balance, _) = matrix_balance(magnitude, separate=True, permute=False)
     states = np.exp2(np.round(0.5 * np.log2(balance[:n] / balance[n:])))
     G_s, Q_s, F_s = G / np.outer(states, states), Q * np.outer(states, states), F * states / states[:, None]
     strong, heavy = float(np.linalg.norm(G_s)), float(np.linalg.norm(weight * np.outer(states, states)))
@@ -204,8 +208,10 @@ def _refined(X: FloatArray, F: FloatArray, G: FloatArray, Q: FloatArray) -> Floa
     size = float(np.linalg.norm(residual(X)))
     for _ in range(3):
         try:
-            step = solve_continuous_lyapunov((F - G @ X).T, -residual(X))
-        except LinAlgError:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                step = solve_continuous_lyapunov((F - G @ X).T, -residual(X))
+        except (LinAlgError, ValueError):
             break
         moved = X + 0.5 * (step + step.T)
         after = float(np.linalg.norm(residual(moved)))

@@ -53,6 +53,7 @@ class StateProblem:
 
     plant: Plant
     channel: Channel
+    units: FloatArray
 
     @property
     def floor(self) -> float:
@@ -82,7 +83,11 @@ class StateProblem:
         if gain is None:
             return None
         return Controller.static(
-            gain, measured=self.plant.states, commands=self.plant.commands, name="h_infinity", dt=self.plant.dt
+            gain / self.units[:, None],
+            measured=self.plant.states,
+            commands=self.plant.commands,
+            name="h_infinity",
+            dt=self.plant.dt,
         )
 
     def _unanswered(self, X: FloatArray, gamma: float) -> float:
@@ -164,13 +169,15 @@ def state_problem(plant: Plant) -> StateProblem:
     >>> round(float(state_problem(plant).law(2.0).D[0, 0]), 6)
     -3.097168
     """
+    units = np.linalg.norm(plant.D12, axis=0)  # of the commands, in which their prices are alike
+    plant = replace(plant, B2=plant.B2 / units, D12=plant.D12 / units)
     if plant.dt is None:
-        return StateProblem(plant, Channel(plant.A, plant.B1, plant.B2, plant.C1, plant.D11, plant.D12))
+        return StateProblem(plant, Channel(plant.A, plant.B1, plant.B2, plant.C1, plant.D11, plant.D12), units)
     m1 = plant.B1.shape[1]
     A, B, C, D = continuous_equivalent(
         plant.A, np.hstack([plant.B1, plant.B2]), plant.C1, np.hstack([plant.D11, plant.D12]), plant.dt
     )
-    return StateProblem(plant, Channel(A, B[:, :m1], B[:, m1:], C, D[:, :m1], D[:, m1:], sees_disturbance=True))
+    return StateProblem(plant, Channel(A, B[:, :m1], B[:, m1:], C, D[:, :m1], D[:, m1:], sees_disturbance=True), units)
 
 
 def output_problem(plant: Plant) -> OutputProblem:
@@ -263,5 +270,5 @@ def gain_scale(plant: Plant) -> float:
     A, B, C = plant.A * scale / scale[:, None], plant.B1 / scale[:, None], plant.C1 * scale
     pace = float(np.linalg.norm(A, 2)) if plant.dt is None else 1.0
     through = float(np.linalg.norm(plant.D11, 2)) if plant.D11.size else 0.0
-    size = float(np.linalg.norm(B, 2) * np.linalg.norm(C, 2)) / max(pace, 1e-300) + through
+    size = float(np.linalg.norm(B, 2) * np.linalg.norm(C, 2)) / (pace or 1.0) + through
     return size if size > 0.0 else 1.0

@@ -113,4 +113,6 @@ def _limit(lower: Trial, upper: Trial, floor: float, least: float) -> str:
     if floor > 0.0 and lower.gamma <= floor * (1.0 + 1e-12):
         return "feedthrough"
     crossed = [name for name, value in lower.measures.items() if value < 0.0]
-    return crossed[0] if crossed else "unknown"
+    if crossed:
+        return crossed[0]
+    return min(upper.measures, key=lambda name: upper.measures[name]) if upper.measures else "unknown"

@@ -27,24 +27,32 @@ ON_AXIS = 1e-7
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Defects:
-    """What a plant lacks: directions of command and measurement without D12 or D21, and zeros on the axis (rad/s)."""
+    """What a plant lacks: directions of command and measurement without D12 or D21, and zeros on the axis (rad/s).
+
+    `unclear` where nothing was found but the equations were not solved: all is enlarged.
+    """
 
     commands: FloatArray
     measurements: FloatArray
     control_zeros: ComplexArray
     estimation_zeros: ComplexArray
+    unclear: bool = False
 
     @property
     def any(self) -> bool:
         """Whether the plant is singular."""
         return bool(
-            self.commands.size or self.measurements.size or self.control_zeros.size or self.estimation_zeros.size
+            self.unclear
+            or self.commands.size
+            or self.measurements.size
+            or self.control_zeros.size
+            or self.estimation_zeros.size
         )
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """The defects in words."""
-        told: list[str] = []
+        told: list[str] = ["its Riccati equations are too close to singular"] if self.unclear else []
         if self.commands.size:
             told.append(f"{_count(len(self.commands), 'command')} not weighed at once (D12 lacks column rank)")
         if self.control_zeros.size:
@@ -119,13 +127,13 @@ def enlarged(plant: Plant, found: Defects, share: float) -> Plant:
     n = len(plant.states)
     C1, D11, D12, B1, D21 = plant.C1, plant.D11, plant.D12, plant.B1, plant.D21
     outputs, inputs = list(plant.performance), list(plant.disturbances)
-    if found.control_zeros.size or found.commands.size:
+    if found.unclear or found.control_zeros.size or found.commands.size:
         extra = np.vstack([share * rows[0] * np.diag(1.0 / scale), np.zeros((len(found.commands), n))])
         prices = np.vstack([np.zeros((n, D12.shape[1])), share * rows[1] * found.commands])
         C1, D12 = np.vstack([C1, extra]), np.vstack([D12, prices])
         D11 = np.vstack([D11, np.zeros((len(extra), D11.shape[1]))])
         outputs += [f"added output {k + 1}" for k in range(len(extra))]
-    if found.estimation_zeros.size or found.measurements.size:
+    if found.unclear or found.estimation_zeros.size or found.measurements.size:
         count = found.measurements.shape[1]
         extra = np.hstack([share * columns[0] * np.diag(scale), np.zeros((n, count))])
         noise = np.hstack([np.zeros((D21.shape[0], n)), share * columns[1] * found.measurements])
@@ -141,10 +149,12 @@ def enlarged(plant: Plant, found: Defects, share: float) -> Plant:
 
 def _channel(A: FloatArray, B: FloatArray, C: FloatArray, D: FloatArray) -> tuple[FloatArray, ComplexArray]:
     """Null directions of D (rows), and where D has full column rank the zeros of (A, B, C, D) on the axis."""
+    unit = _units(B, D)
+    D, B = D / unit, B / unit
     left, size, right = np.linalg.svd(D) if D.size else (np.eye(D.shape[0]), np.zeros(0), np.eye(D.shape[1]))
     rank = int(np.sum(size > RANK * max(float(np.max(size, initial=0.0)), 1e-300)))
     if rank < D.shape[1]:
-        return right[rank:], np.zeros(0, dtype=complex)
+        return right[rank:] * unit, np.zeros(0, dtype=complex)
     solved = right.T[:, :rank] @ (left[:, :rank].T @ C / size[:rank, None])
     unseen = left[:, rank:].T @ C
     bare = A - B @ solved
@@ -152,6 +162,19 @@ def _channel(A: FloatArray, B: FloatArray, C: FloatArray, D: FloatArray) -> tupl
     # Modes right of the axis are harmless: the game turns them.
     zeros = [m.pole for m in hidden_modes(bare, unseen, ("",) * len(A)) if abs(m.pole.real) <= ON_AXIS * size_of]
     return np.zeros((0, D.shape[1])), np.array(zeros, dtype=complex)
+
+
+def _units(B: FloatArray, D: FloatArray) -> FloatArray:
+    """Units of the commands in which their prices are alike, or where they have none, their effects."""
+    price, effect = np.linalg.norm(D, axis=0), np.linalg.norm(B, axis=0)
+    dearest, strongest = float(np.max(price, initial=0.0)), float(np.max(effect, initial=0.0))
+    unit = np.ones(D.shape[1])
+    for j in range(unit.size):
+        if price[j] > 0.0:
+            unit[j] = price[j] / dearest
+        elif effect[j] > 0.0:
+            unit[j] = effect[j] / strongest
+    return unit
 
 
 def _share(C: FloatArray, D: FloatArray, B: FloatArray, pace: float) -> tuple[float, float]:
@@ -173,5 +196,6 @@ def _count(number: int, noun: str) -> str:
 
 
 def _zeros(zeros: ComplexArray) -> str:
-    told = ", ".join(f"{z.imag:.3g}j" if abs(z.imag) > 0.0 else "0" for z in zeros)
-    return f"an invariant zero at {told} on the axis" if len(zeros) == 1 else f"invariant zeros at {told} on the axis"
+    told = list(dict.fromkeys(f"{z.imag:.3g}j" if z.imag != 0.0 else "0" for z in zeros))
+    at = ", ".join(told)
+    return f"an invariant zero at {at} on the axis" if len(told) == 1 else f"invariant zeros at {at} on the axis"
