@@ -191,9 +191,9 @@ def definite(matrix: Enclosure) -> tuple[bool, float, bool]:
 
     Returns (proved, smallest eigenvalue of the scaled midpoint, hopeless). Rows and columns are scaled by powers of
     two so that the diagonal is near one. If the rounded factorisation of S - diag(r) - c I runs to its end, then S > 0:
-    the factor's product differs from it by at most phi trace, phi = k u / (1 - 2 k u), and row sums r of the radius
-    cover the enclosure. k = 2 n + 8 leaves room for factorisations that multiply by reciprocals
-    (Rump, BIT 46 (2006) 433; Demmel, LAPACK working note 14).
+    the factor's product differs from it by at most phi trace S, phi = (n + 1) u / (1 - 2 (n + 1) u), and row sums r of
+    the radius cover the enclosure. c is four times that, which leaves room for factorisations that multiply by
+    reciprocals (Rump, BIT 46 (2006) 433; Demmel, LAPACK working note 14).
 
     Examples
     --------
@@ -203,8 +203,10 @@ def definite(matrix: Enclosure) -> tuple[bool, float, bool]:
     n = matrix.shape[0]
     if n == 0:
         return True, np.inf, False
-    middle = np.tril(matrix.middle) + np.tril(matrix.middle, -1).T
-    radius: FloatArray = np.maximum(matrix.spread, matrix.spread.T)
+    middle, radius = matrix.middle, matrix.spread
+    if not (middle == middle.T).all():  # the exact matrix is symmetric: either half encloses both
+        middle = np.tril(middle) + np.tril(middle, -1).T
+    radius = np.maximum(radius, radius.T)
     if not (np.isfinite(middle).all() and np.isfinite(radius).all()):
         return False, -np.inf, False
     diagonal = np.diag(middle)
