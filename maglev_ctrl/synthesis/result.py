@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -84,6 +85,7 @@ def proven(
     Parameters
     ----------
     claims : at least one; a design without a claim is not let through
+    performance : a reported number that is not NaN has to be found again within `AGREEMENT`, and to be finite
     status : SOLVED, or ALMOST_SOLVED where the solver said so
 
     Examples
@@ -124,4 +126,7 @@ def refused(law: str, plants: Sequence[Plant], status: Status, message: str) -> 
 
 
 def _same(one: Performance) -> bool:
+    """Both are finite and agree: a loop of infinite norm agrees with nothing."""
+    if not (math.isfinite(one.reported) and math.isfinite(one.recomputed)):
+        return False
     return abs(one.reported - one.recomputed) <= AGREEMENT * abs(one.recomputed)
