@@ -16,6 +16,7 @@ from maglev_ctrl.arrays import FloatArray
 
 _ARMIJO = 1e-4
 _WOLFE = 0.5
+_TRIALS = 30
 
 
 class Function(Protocol):
@@ -48,7 +49,7 @@ def descend(
     deadline: float = np.inf,
     inverse: FloatArray | None = None,
     until: Callable[[FloatArray, float], bool] | None = None,
-    progress: float = 1e-6,
+    progress: float = 1e-5,
     window: int = 15,
 ) -> Descent:
     """Minimise from `start` (moved into the bounds first).
@@ -154,7 +155,7 @@ def _line(
     low, high = 0.0, np.inf
     step = min(first, longest)
     best: tuple[float, float, FloatArray] | None = None
-    for _ in range(40):
+    for _ in range(_TRIALS):
         wanted = value + _ARMIJO * step * slope
         point = np.clip(t + step * direction, lower, upper)
         reached, gradient = function(point, ceiling=wanted)

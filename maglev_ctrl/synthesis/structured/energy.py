@@ -35,6 +35,19 @@ def energy_piece(loop: Closed) -> Piece:
     )
 
 
+def lyapunov(A: FloatArray, weight: FloatArray) -> FloatArray:
+    """Solution of A'P + P A + weight = 0 for a stable A and a symmetric weight.
+
+    Examples
+    --------
+    >>> lyapunov(np.array([[-1.0]]), np.array([[4.0]])).item()
+    2.0
+    """
+    T, U = schur(A, output="real")
+    X, scale, _ = dtrsyl(T, T, -U.T @ weight @ U, trana="T")
+    return np.asarray(U @ X @ U.T / scale, dtype=np.float64)
+
+
 def gramians(A: FloatArray, B: FloatArray, C: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Reachability and observability Gramians of a stable continuous system.
 

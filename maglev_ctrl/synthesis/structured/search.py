@@ -17,8 +17,12 @@ _SHORT, _LONG = 60, 300
 _SAME = 1e-3
 """Relative difference below which two local optima count as one."""
 _AGREEING = 4
-_LEAST_STARTS = 8
+_LEAST_STARTS = 10
 _CANDIDATES = 3
+_SHARE = 0.75
+_NEAR = 0.1
+"""A descent that ends this close above the best (logarithm of a norm) is worth going on with."""
+"""Share of the time limit after which no start is begun; the rest is for the best of them."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -104,14 +108,16 @@ def search(objective: Objective, *, starts: int, seed: int, time_limit: float) -
     seed : of the random starts
     time_limit : s; the start under way is broken off. The outcome is reproducible where the limit is not reached
     """
-    deadline = time.monotonic() + time_limit
+    begun = time.monotonic()
+    deadline = begun + time_limit
+    enough = begun + _SHARE * time_limit
     stable_first = objective.quantity in ("h2", "h_infinity") or bool(objective.limits)
     trials: list[_Trial] = []
     agreed = False
     if objective.size.size == 0:
         starts = 1
     for k, (name, point) in enumerate(starting_points(objective, seed=seed, count=starts)):
-        if k and time.monotonic() > deadline:
+        if k and time.monotonic() > enough:
             break
         t = point
         if stable_first and objective.growth(t) >= 0.0:
@@ -126,7 +132,7 @@ def search(objective: Objective, *, starts: int, seed: int, time_limit: float) -
             end = _descent(objective, point if stable_first else t, _SHORT, deadline)
         trial = _Trial(name, end.t, end.value, end.inverse, end.reason)
         best = min((one.value for one in trials), default=np.inf)
-        if end.reason == "iterations" and end.value < best + 0.1:
+        if end.reason == "iterations" and end.value < best + _NEAR:
             _finish(objective, trial, deadline)
         trials.append(trial)
         agreed = _agree(trials)
@@ -134,7 +140,7 @@ def search(objective: Objective, *, starts: int, seed: int, time_limit: float) -
             break
     trials.sort(key=lambda one: one.value)
     for trial in trials[:_CANDIDATES]:
-        if np.isfinite(trial.value):
+        if trial.value < trials[0].value + _NEAR:
             if trial.reason == "iterations":
                 _finish(objective, trial, deadline)
             _polished(objective, trial, deadline)
@@ -142,7 +148,7 @@ def search(objective: Objective, *, starts: int, seed: int, time_limit: float) -
     trials.sort(key=lambda one: (one.value, float(np.linalg.norm(one.t))))
     return StartTable(
         objective.quantity, tuple(_record(objective, trial) for trial in trials), seed, starts, agreed,
-        time.monotonic() > deadline, objective.evaluations,
+        len(trials) < starts and not agreed, objective.evaluations,
     )  # fmt: skip
 
 
