@@ -16,6 +16,8 @@ from maglev_ctrl.synthesis.lmi.session import Clock, solve_problem
 
 TIME_LIMIT = 60.0
 """s, for one inequality."""
+UNITS = (0.3, 1.0, 3.0)
+"""Units of time tried for the slack certificate, in parts of the fastest loop's time constant."""
 SLACK = 1e-8
 """Least strictness of an inequality of order one that is handed on for proof."""
 
@@ -74,32 +76,44 @@ def common_lyapunov(loops: FloatArray, rate: float, T: FloatArray) -> tuple[Floa
     return _unscaled(np.asarray(P.value), T), float(t.value)
 
 
-def parameter_lyapunov(loops: FloatArray, rate: float, T: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-    """P (v, n, n) and slack V (n, n) of `ParameterClaim`: every constant blend of the loops decays at `rate`.
+def parameter_lyapunov(
+    loops: FloatArray, rate: float, T: FloatArray
+) -> tuple[FloatArray, FloatArray, float] | None:  # fmt: skip
+    """P (v, n, n), slack V (n, n) and unit of time (s) of `ParameterClaim`: every constant blend decays at `rate`.
+
+    The unit of time matters: a short one gives P nearly common, a long one leaves the slack little to do. A few about
+    the time constant of the fastest loop are tried, and the one of largest margin is kept.
 
     Examples
     --------
     >>> parameter_lyapunov(np.array([[[-2.0]], [[-3.0]]]), 1.0, np.ones(1))[0].shape
     (2, 1, 1)
     """
+    scaled = loops * T / T[:, None] + rate * np.eye(loops.shape[-1])
+    size = max(float(np.max(np.linalg.norm(scaled, 2, axis=(1, 2)))), 1e-300)
+    found = [(*_slack_certificate(scaled * (unit / size)), unit / size) for unit in UNITS]
+    P, V, margin, time = max(found, key=lambda one: one[2])
+    if P is None or V is None or margin < SLACK:
+        return None
+    return np.stack([_unscaled(one, T) for one in P]), np.asarray(V / T[:, None] / T), time
+
+
+def _slack_certificate(loops: FloatArray) -> tuple[FloatArray | None, FloatArray | None, float]:
+    """P, V of largest margin for loops of order one."""
     import cvxpy as cp
 
     n, count = loops.shape[-1], len(loops)
-    scaled = loops * T / T[:, None] + rate * np.eye(n)
-    size = max(float(np.max(np.linalg.norm(scaled, 2, axis=(1, 2)))), 1.0)
-    # Rows are weighted by congruence diag(size, 1, size): the slack V is smaller than P by the speed of the loops.
     matrices = [cp.Variable((n, n), symmetric=True) for _ in range(count)]
     V, t = cp.Variable((n, n)), cp.Variable()
     constraints: list[Any] = [sum(cp.trace(P) for P in matrices) == n * count, t <= 1.0]
     zero = np.zeros((n, n))
-    for A, P in zip(scaled, matrices, strict=True):
-        cross, side = V.T @ (A / size) + P, V.T / size
-        block = cp.bmat([[-(V + V.T) / size, cross, side], [cross.T, -P, zero], [side.T, zero, -P]])
+    for A, P in zip(loops, matrices, strict=True):
+        side = V.T @ A + P
+        block = cp.bmat([[-(V + V.T), side, V.T], [side.T, -P, zero], [V, zero, -P]])
         constraints += [block << -t * np.eye(3 * n)]
-    if not solved(cp.Problem(cp.Maximize(t), constraints)) or float(t.value) < SLACK:
-        return None
-    slack = np.asarray(V.value) / size / T[:, None] / T
-    return np.stack([_unscaled(np.asarray(P.value), T) for P in matrices]), slack
+    if not solved(cp.Problem(cp.Maximize(t), constraints)):
+        return None, None, -np.inf
+    return np.stack([np.asarray(P.value) for P in matrices]), np.asarray(V.value), float(t.value)
 
 
 def region_matrix(loop: FloatArray, L: FloatArray, M: FloatArray, T: FloatArray) -> FloatArray | None:

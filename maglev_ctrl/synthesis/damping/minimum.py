@@ -11,8 +11,9 @@ from maglev_ctrl.arrays import FloatArray, read_only, read_only_any
 from maglev_ctrl.errors import Status
 from maglev_ctrl.synthesis.damping.certified import GUARANTEES, Guarantee, MoreDamping, assurance, more_damping
 from maglev_ctrl.synthesis.damping.descent import PoleBound, excesses, least_cost, starting_points, trace_bound
+from maglev_ctrl.synthesis.damping.followed import followed_damping
 from maglev_ctrl.synthesis.damping.places import DampedFamily, DampingPlace, Scales, damped_family, scaled
-from maglev_ctrl.synthesis.damping.restriction import followed_damping, restricted_damping
+from maglev_ctrl.synthesis.damping.restriction import restricted_damping
 from maglev_ctrl.synthesis.result import Performance, Synthesis, proven, refused
 from maglev_ctrl.systems import SecondOrderSystem
 from maglev_ctrl.systems.plant import Plant
@@ -22,6 +23,7 @@ RESERVE = 1e-3
 """Share of the decay rate kept in hand, so that the claim is strict."""
 FLOOR = 1e-5
 """The same in parts of the fastest pole, for decay rates near zero."""
+HALVINGS = 5
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -58,6 +60,11 @@ class DampingDesign:
     def certified(self) -> bool:
         """Damping was found and every claim about it proved."""
         return self.carried is not None
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Where more damping spoils what was certified; empty where it does not."""
+        return tuple(one.warning for one in self.more if one.warning)
 
     def require(self) -> DampingDesign:
         """This design where it is proved.
@@ -142,8 +149,14 @@ def designed(
     if design is None and guarantee == "every constant blend" and told:
         # The cheapest dampings hold at the vertices only: one P for all of them holds every blend.
         more = _followed(family, small, scales, rate * (1.0 + RESERVE) + FLOOR * scales.rate, routes)
-        design, extra = _first_proved(family, scales, (rate, ratio), lower, guarantee, more, routes + more)
-        routes, told = routes + more, told + extra
+        routes += more
+        design, extra = _first_proved(family, scales, (rate, ratio), lower, guarantee, more, routes)
+        told += extra
+        if design is not None:
+            nearer = _nearer(family, scales, (rate, ratio), guarantee, routes, design)
+            if nearer:
+                routes += nearer
+                design = _first_proved(family, scales, (rate, ratio), lower, guarantee, nearer, routes)[0] or design
     if design is not None:
         return design
     ratio_too = f" with a damping ratio of {ratio:g}" if ratio else ""
@@ -187,6 +200,25 @@ def _first_proved(
     return None, tuple(told)
 
 
+def _nearer(
+    family: DampedFamily, scales: Scales, margins: tuple[float, float], guarantee: Guarantee,
+    routes: tuple[Route, ...], design: DampingDesign,
+) -> tuple[Route, ...]:  # fmt: skip
+    """On the way from the cheapest damping without the guarantee to the proved one: the cheapest with it, halving."""
+    cheapest = min((route for route in routes if not route.reason), key=lambda route: route.cost)
+    low, high = 0.0, 1.0
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        c = cheapest.damping + middle * (design.damping - cheapest.damping)
+        held = assurance(family, c, margins[0], scales.T, wanted=guarantee, ratio=margins[1])
+        carried = held.carried is not None and GUARANTEES.index(held.carried) >= GUARANTEES.index(guarantee)
+        low, high = (low, middle) if carried else (middle, high)
+    if high == 1.0:
+        return ()
+    c = cheapest.damping + high * (design.damping - cheapest.damping)
+    return (_route(f"between {cheapest.name} and the proved one", family, c, ""),)
+
+
 def _followed(
     family: DampedFamily, small: DampedFamily, scales: Scales, inside: float, routes: tuple[Route, ...]
 ) -> tuple[Route, ...]:
@@ -224,7 +256,9 @@ def _routes(
     points += [] if convex is None else [convex / scales.damping]
     bound = PoleBound(-inside / scales.rate, ratio + RESERVE * min(ratio, 1.0 - ratio))
     ends = least_cost(small, bound, points + starting_points(small, starts))
-    descent = ends[0].c * scales.damping if ends[0].excess <= 0.0 else None
+    bare = np.where(ends[0].c > 1e-8, ends[0].c, 0.0)
+    best = bare if excesses(small, bare, bound) <= 1e-10 else ends[0].c  # the reserve is far larger
+    descent = best * scales.damping if ends[0].excess <= 0.0 else None
     outside = ends[0].excess * scales.rate
     routes.append(_route("pole descent", family, descent, f"the best end leaves a pole {outside:.3g} 1/s outside"))
     return (*routes, *_followed(family, small, scales, inside, tuple(routes))) if between else tuple(routes)
