@@ -260,6 +260,29 @@ def test_the_fallback_law_is_proved(box, full):
     assert any("not promised" in line for line in box.statements)
 
 
+def test_the_compiled_path_gives_the_same_moves(box):
+    pytest.importorskip("numba")
+    plain, compiled = PredictiveController(box), PredictiveController(box, backend="fast")
+    for x in np.random.default_rng(2).normal(size=(15, 2)) * [0.6, 15.0]:
+        one, other = plain.step(x), compiled.step(x)
+        assert np.max(np.abs(one.moves - other.moves)) <= 1e-9
+    with pytest.raises(ValueError, match="backend"):
+        PredictiveController(box, backend="numbers").step([0.0, 0.0])
+
+
+def test_a_command_without_limits():
+    """One limited command, one free: the free one passes the others' limits by."""
+    plant = Plant.from_matrices([[0.0, 1.0], [4.0, 0.0]], np.eye(2), [[0.0, 0.0], [1.0, 0.5]], np.eye(2))
+    problem = predictive_problem(plant, dt=0.1, horizon=10, Q=np.eye(2), R=np.diag([0.1, 1.0]), terminal="cost",
+                                 command_limits=([-0.5, -np.inf], [0.5, np.inf]))  # fmt: skip
+    design = design_predictive(problem)
+    assert design.synthesis.status is Status.SOLVED, design.synthesis.message
+    run = simulate_predictive(design, [3.0, 0.0], steps=250)
+    assert run.fallback_steps == () and np.max(np.abs(run.u[:, 1])) > 1.0
+    assert np.max(np.abs(run.u[:, 0])) <= 0.5 and "u1" in run.active[0][0]
+    assert np.max(np.abs(run.x[-1])) < 1e-2
+
+
 def test_a_run_can_be_repeated(full):
     first, second = (simulate_predictive(full, [0.9, 10.0], steps=15) for _ in range(2))
     assert np.array_equal(first.u, second.u)

@@ -9,12 +9,13 @@ where M^-1 is the response of the *stable* closed loop: both are accurate, howev
 plan is that of the regulator itself. With limits W active at their values b the multipliers solve the small system
 (H^-1)_WW y = (U_free - b)_W, and U = U_free - (H^-1)_W y; the active set is changed until all signs are right (primal-
 dual active set, Hintermueller, Ito & Kunisch, SIAM J. Optim. 13 (2002) 865). Where that cycles, projected Newton
-(Bertsekas, SIAM J. Control Optim. 20 (1982) 221), which cannot, takes over.
+steps (Bertsekas, SIAM J. Control Optim. 20 (1982) 221), which cannot, bring it to a better start.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +26,9 @@ from maglev_ctrl.synthesis.predictive.kkt import box_residual
 from maglev_ctrl.synthesis.predictive.problem import PredictiveProblem
 
 Signs = NDArray[np.int8]
+Backend = Literal["numpy", "fast"]
 SWEEPS = 8
-NEWTON = 200
+NEWTON, ROUNDS = 3, 60
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -149,7 +151,13 @@ def command_scale(problem: PredictiveProblem) -> FloatArray:
 
 
 def solve_box(
-    condensed: CondensedProblem, x0: FloatArray, lower: FloatArray, upper: FloatArray, *, active: Signs | None = None
+    condensed: CondensedProblem,
+    x0: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    *,
+    active: Signs | None = None,
+    backend: Backend = "numpy",
 ) -> BoxSolution:
     """Least U'H U / 2 + x0'F'U with lower <= U <= upper (all scaled), from a guess of the active limits.
 
@@ -158,6 +166,12 @@ def solve_box(
     x0 : (n,) state
     lower, upper : (N nu,) scaled limits
     active : guess (N nu,): -1 at the lower, 1 at the upper limit, 0 free
+    backend : "numpy", or "fast" (numba; the extra `fast`)
+
+    Raises
+    ------
+    ValueError : the backend is unknown
+    ModelError : numba is asked for and not installed
 
     Examples
     --------
@@ -167,12 +181,20 @@ def solve_box(
     >>> found.plan.tolist(), found.active.tolist(), found.residual
     ([-1.0], [-1], 0.0)
     """
-    plan, signs, iterations, settled = _active_sets(condensed, x0, lower, upper, active)
-    if not settled:
+    plan, signs, iterations, settled = _settle(condensed, x0, (lower, upper), active, backend)
+    rounds = 0
+    while not settled and rounds < ROUNDS:
+        rounds += 1
         start = np.minimum(np.maximum(np.nan_to_num(plan), lower), upper)
-        plan, more = _projected_newton(condensed, x0, lower, upper, start)
-        iterations += more
+        plan, steps, done = _newton(condensed, x0, (lower, upper), start, backend)
         signs = (plan >= upper).astype(np.int8) - (plan <= lower).astype(np.int8)
+        iterations += steps
+        if done:
+            break
+        tried, guess, sweeps, settled = _settle(condensed, x0, (lower, upper), signs, backend)
+        iterations += sweeps
+        if settled:
+            plan, signs = tried, guess
     residual = box_residual(condensed.H, condensed.gradient(x0, plan), lower, upper, plan)
     return BoxSolution(plan, signs, iterations, residual)
 
@@ -188,6 +210,41 @@ def shifted(active: Signs, commands: int) -> Signs:
     return np.concatenate([active[commands:], active[-commands:]])
 
 
+def _settle(
+    condensed: CondensedProblem,
+    x0: FloatArray,
+    bounds: tuple[FloatArray, FloatArray],
+    active: Signs | None,
+    backend: Backend,
+) -> tuple[FloatArray, Signs, int, bool]:
+    """Active-set sweeps by the chosen backend."""
+    if backend == "numpy":
+        return _active_sets(condensed, x0, *bounds, active)
+    from maglev_ctrl.synthesis.predictive.box_compiled import require_numba, sweeps
+
+    if backend != "fast":
+        raise ValueError(f"backend: expected 'numpy' or 'fast', got {backend!r}")
+    require_numba()
+    guess = np.zeros(bounds[0].size, dtype=np.int8) if active is None else active
+    matrices = (condensed.H, condensed.inverse, condensed.free, condensed.F)
+    return sweeps(matrices, x0, *bounds, guess, SWEEPS)
+
+
+def _newton(
+    condensed: CondensedProblem,
+    x0: FloatArray,
+    bounds: tuple[FloatArray, FloatArray],
+    start: FloatArray,
+    backend: Backend,
+) -> tuple[FloatArray, int, bool]:
+    """Projected Newton steps by the chosen backend."""
+    if backend == "numpy":
+        return _projected_newton(condensed, x0, *bounds, start)
+    from maglev_ctrl.synthesis.predictive.box_compiled import newton_steps
+
+    return newton_steps(condensed.H, condensed.F @ x0, *bounds, start, NEWTON)
+
+
 def _active_sets(
     condensed: CondensedProblem, x0: FloatArray, lower: FloatArray, upper: FloatArray, active: Signs | None
 ) -> tuple[FloatArray, Signs, int, bool]:
@@ -195,7 +252,7 @@ def _active_sets(
     H, inverse = condensed.H, condensed.inverse
     free = condensed.free @ x0
     signs = np.zeros(free.size, dtype=np.int8) if active is None else active
-    plan, push, slope = free, free[:0], None
+    plan, push, slope, fewest = free, free[:0], None, free.size + 1
     for sweep in range(1, SWEEPS + 1):
         at = signs.nonzero()[0]
         if at.size:
@@ -228,39 +285,47 @@ def _active_sets(
         changed -= plan < lower
         if at.size:
             changed[at] = np.where(push * held >= 0.0, held, 0)
-        if (changed == signs).all():
+        changes = int(np.count_nonzero(changed != signs))
+        if not changes:
             return plan, signs, sweep, True
         signs = changed
+        if changes >= fewest:
+            return plan, signs, sweep, False
+        fewest = changes
     return plan, signs, SWEEPS, False
 
 
 def _projected_newton(
     condensed: CondensedProblem, x0: FloatArray, lower: FloatArray, upper: FloatArray, start: FloatArray
-) -> tuple[FloatArray, int]:
-    """Newton steps on the free entries along the projection arc, accepted only downhill."""
+) -> tuple[FloatArray, int, bool]:
+    """A few Newton steps on the free entries along the projection arc, downhill only; whether none is left to take."""
     H, slope, plan = condensed.H, condensed.F @ x0, start
-    value = float(plan @ (0.5 * (H @ plan) + slope))
+    gradient, diagonal = H @ plan + slope, H.diagonal()
+    value = 0.5 * float(plan @ (gradient + slope))
     for sweep in range(1, NEWTON + 1):
-        gradient = H @ plan + slope
-        residual = plan - np.clip(plan - gradient / H.diagonal(), lower, upper)
+        residual = plan - np.minimum(np.maximum(plan - gradient / diagonal, lower), upper)
         near = min(float(np.linalg.norm(residual)), 1e-3)
         if float(np.max(np.abs(residual))) <= 1e-13 * max(1.0, float(np.max(np.abs(plan)))):
-            return plan, sweep
+            return plan, sweep, True
         held = ((plan <= lower + near) & (gradient > 0.0)) | ((plan >= upper - near) & (gradient < 0.0))
         loose = (~held).nonzero()[0]
-        direction = -gradient / H.diagonal()
+        direction = -gradient / diagonal
         if loose.size:
-            direction[loose] = -np.linalg.solve(H[np.ix_(loose, loose)], gradient[loose])
+            _, step, info = dposv(H[loose][:, loose], gradient[loose])
+            if info != 0:
+                return plan, sweep, True
+            direction[loose] = -step
         length = 1.0
         while length > 1e-12:
-            trial = np.clip(plan + length * direction, lower, upper)
-            reached = float(trial @ (0.5 * (H @ trial) + slope))
+            trial = np.minimum(np.maximum(plan + length * direction, lower), upper)
+            ahead = H @ trial + slope
+            reached = 0.5 * float(trial @ (ahead + slope))
             expected = -length * float(gradient[loose] @ direction[loose]) if loose.size else 0.0
             expected += float(gradient[held] @ (plan - trial)[held])
-            if reached <= value - 1e-4 * expected:
+            if reached <= value - 1e-4 * expected + 1e-14 * abs(value):
                 break
             length *= 0.5
         else:
-            return plan, sweep
-        plan, value = trial, reached
-    return plan, NEWTON
+            return plan, sweep, True
+        plan, value, gradient = trial, reached, ahead
+    return plan, NEWTON, False

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.errors import Status
-from maglev_ctrl.synthesis.predictive.condensed import BoxSolution, Signs, shifted, solve_box
+from maglev_ctrl.synthesis.predictive.condensed import Backend, BoxSolution, Signs, shifted, solve_box
 from maglev_ctrl.synthesis.predictive.design import PredictiveDesign
 from maglev_ctrl.synthesis.predictive.estimate import Targets
 from maglev_ctrl.synthesis.predictive.general import ACCEPTED, GeneralSolver, Now, PlanSolution
@@ -52,12 +52,13 @@ class MoveRecord:
 class PredictiveController:
     """The law of one design, with what it remembers from sample to sample: estimate, last command, active limits."""
 
-    def __init__(self, design: PredictiveDesign, *, time_limit: float = 1.0) -> None:
+    def __init__(self, design: PredictiveDesign, *, time_limit: float = 1.0, backend: Backend = "numpy") -> None:
         """A law at rest.
 
         Parameters
         ----------
         time_limit : s for a solver in one sample (general path)
+        backend : of the condensed path, "numpy" or "fast" (numba)
 
         Raises
         ------
@@ -78,7 +79,9 @@ class PredictiveController:
         design.synthesis.require()
         self.design = design
         self._general: GeneralSolver | None = None
-        self._time_limit = time_limit
+        problem, scale = design.problem, design.condensed.scale
+        self._box = tuple(np.tile(x, problem.horizon) / scale for x in (problem.command_lower, problem.command_upper))
+        self._time_limit, self._backend = time_limit, backend
         self.reset()
 
     def reset(self, estimate: ArrayLike | None = None, *, last_command: ArrayLike | None = None) -> None:
@@ -188,10 +191,11 @@ class PredictiveController:
 
     def _boxed(self, now: Now) -> BoxSolution:
         """The plan under the commands' own limits: the whole answer wherever it keeps the other limits too."""
-        condensed, problem = self.design.condensed, self.design.problem
-        lower = np.tile(problem.command_lower - now.command, problem.horizon) / condensed.scale
-        upper = np.tile(problem.command_upper - now.command, problem.horizon) / condensed.scale
-        return solve_box(condensed, now.x0, lower, upper, active=self._active)
+        condensed, (lower, upper) = self.design.condensed, self._box
+        if now.command.any():
+            moved = np.tile(now.command, self.design.problem.horizon) / condensed.scale
+            lower, upper = lower - moved, upper - moved
+        return solve_box(condensed, now.x0, lower, upper, active=self._active, backend=self._backend)
 
     def _admits(self, now: Now, moves: FloatArray) -> bool:
         condensed, program = self.design.condensed, self.design.program

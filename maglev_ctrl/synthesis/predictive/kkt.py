@@ -88,7 +88,9 @@ def kkt_residual(
 
 
 def box_residual(H: FloatArray, gradient: FloatArray, lower: FloatArray, upper: FloatArray, x: FloatArray) -> float:
-    """Residual of x'H x / 2 + f'x on a box: the step of one projected Jacobi sweep, relative to the box or to x.
+    """Residual of x'H x / 2 + f'x on a box: the largest step of one projected Jacobi sweep, relative to x or to one.
+
+    Unknowns are in units of their limits, so one is the size that matters.
 
     Parameters
     ----------
@@ -103,10 +105,10 @@ def box_residual(H: FloatArray, gradient: FloatArray, lower: FloatArray, upper: 
     >>> box_residual(np.eye(1), 0.5 * one, -one, one, one)
     0.5
     """
+    if not x.size:
+        return 0.0
     step = x - np.minimum(np.maximum(x - gradient / H.diagonal(), lower), upper)
-    width = upper - lower
-    scale = np.where(width < NO_BOUND, 0.5 * width, max(_largest(x), 1e-300))
-    residual = float(np.max(np.abs(step) / scale)) if step.size else 0.0
+    residual = float(np.abs(step).max()) / max(1.0, float(np.abs(x).max()))
     return residual if residual == residual else np.inf
 
 
