@@ -191,9 +191,11 @@ def _supported(problem: Problem, claim: Claim, alone: MultiObjective, controller
             raised = replace(claim, gamma=_raised(claim.gamma, room, problem.request.h_infinity_below))
         elif room:
             break
-        for trial in (raised, _polished(problem, raised, alone, controller)):
-            if prove(trial, problem.plants, [controller]).holds:
-                return trial
+        if prove(raised, problem.plants, [controller]).holds:
+            return raised
+        raised = _polished(problem, raised, alone, controller)
+        if prove(raised, problem.plants, [controller]).holds:
+            return raised
     return claim
 
 

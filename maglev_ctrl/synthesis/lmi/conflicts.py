@@ -33,16 +33,18 @@ def conflict(problem: Problem) -> str:
         return f"{scope}no state feedback makes every vertex stable"
     if _feasible(problem, []) is False:
         return f"{scope}no state feedback makes every vertex stable, whatever else is asked"
-    solves = 1
+    solves, all_told = 1, True
     for size in range(1, len(names) + 1):
         for chosen in combinations(names, size):
             told = _list([words[name] for name in chosen])
-            if size == len(names):
+            if size == len(names) and all_told:
                 return _sentence(told, size, scope)
-            if solves >= SOLVES_MOST or problem.clock.left <= 0.0:
+            if size == len(names) or solves >= SOLVES_MOST or problem.clock.left <= 0.0:
                 break
             solves += 1
-            if _feasible(problem, chosen) is False:
+            answer = _feasible(problem, chosen)
+            all_told = all_told and answer is not None
+            if answer is False:
                 return _sentence(told, size, scope)
     return f"{scope}not all can be met together: {_list([words[name] for name in names])}"
 
@@ -58,12 +60,13 @@ def _feasible(problem: Problem, names: tuple[str, ...] | list[str]) -> bool | No
     """Whether the named requirements alone can be met; None where the solver could not tell."""
     part = problem.with_request(only(problem.request, names))
     weights = {"weigh_sigma": 1.0, "weigh_floor": 0.0 if part.homogeneous else 1.0}
-    answer = None
+    refuted = False
     for attempt in (USUAL, WIDE):
         answer = part.solve(attempt, **weights)
         if answer.usable:
             return True
-    return False if answer is not None and answer.status is Status.INFEASIBLE else None
+        refuted = refuted or (answer.status is Status.INFEASIBLE and answer.certain)
+    return False if refuted else None
 
 
 def _scope(problem: Problem) -> str:

@@ -74,6 +74,7 @@ class LmiSession:
 
     def __init__(self) -> None:
         self._families: dict[Shape, Family] = {}
+        self._compiled: set[tuple[Shape, Solver]] = set()
 
     def family(self, shape: Shape) -> Family:
         """The problem of a shape, built on first use."""
@@ -89,11 +90,14 @@ class LmiSession:
         for name, parameter in family.parameters.items():
             value = numbers.get(name, 0.0)
             parameter.value = np.broadcast_to(np.asarray(value, dtype=float), parameter.shape)
-        return solve_problem(family.problem, family.variables, clock=clock, solver=solver)
+        fresh = (shape, solver) not in self._compiled
+        answer = solve_problem(family.problem, family.variables, clock=clock, solver=solver, fresh=fresh)
+        self._compiled.add((shape, solver))
+        return answer
 
 
 def solve_problem(
-    problem: Any, variables: Mapping[str, Any], *, clock: Clock, solver: Solver = "CLARABEL"
+    problem: Any, variables: Mapping[str, Any], *, clock: Clock, solver: Solver = "CLARABEL", fresh: bool = True
 ) -> Answer:  # fmt: skip
     """Solve one cvxpy problem within the time left; neither raises nor warns for what a solver can do.
 
@@ -103,12 +107,13 @@ def solve_problem(
     """
     import cvxpy
 
-    if solver not in cvxpy.installed_solvers():
+    if solver != "CLARABEL" and solver not in cvxpy.installed_solvers():
         raise ModuleNotFoundError(f"the solver {solver} is not installed; CLARABEL always is")
     started = time.monotonic()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        problem.get_problem_data(solver)
+        if fresh:
+            problem.get_problem_data(solver)  # compiled first, so that the time left is the solver's
         if clock.left <= 0.0:
             return Answer(Status.TIME_LIMIT, {}, seconds=time.monotonic() - started)
         limits: dict[Solver, dict[str, Any]] = {
@@ -118,7 +123,8 @@ def solve_problem(
         }
         settings = limits[solver]
         try:
-            problem.solve(solver=solver, **settings)
+            # A solver started from the last point's factors would answer differently by what was solved before.
+            problem.solve(solver=solver, warm_start=False, **settings)
         except (cvxpy.error.SolverError, ArithmeticError, ValueError):
             late = clock.left <= 0.0
             return Answer(

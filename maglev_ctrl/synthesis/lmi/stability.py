@@ -23,6 +23,10 @@ from maglev_ctrl.systems.plant import Plant, closed_channel
 STEPS = 30
 CONDITION = 1e8
 """Condition number allowed to a scaled Lyapunov matrix."""
+TIMES = (4.0, 32.0, 1.0, 256.0, 0.125)
+"""Units of time tried for the slack equation, in time constants of the fastest loop; powers of two."""
+LEAST_MARGIN = 1e-8
+"""Margin (slack of size one) above which a parameter-dependent certificate is worth proving."""
 WIDTH = 1e-6
 """Relative width to which the largest rate is found."""
 
@@ -156,31 +160,33 @@ def parameter_certificate(
 
     n, k = loops[0].shape[0], len(loops)
     scale = _scales(loops)
-    balanced = [A * scale / scale[:, None] + rate * np.eye(n) for A in loops]
-    # The slack equation ties A to the unit of time: about the time constant of the fastest loop, a power of two.
-    time = float(np.exp2(np.round(-np.log2(max(float(np.linalg.norm(A, 2)) for A in balanced)))))
     eye = np.eye(n)
-    V = cp.Variable((n, n))
+    balanced = [A * scale / scale[:, None] + rate * eye for A in loops]
+    fastest = float(np.exp2(np.round(np.log2(max(float(np.linalg.norm(A, 2)) for A in balanced)))))
+    V, margin = cp.Variable((n, n)), cp.Variable()
     P = [cp.Variable((n, n), symmetric=True) for _ in range(k)]
-    margin = cp.Variable()
+    scaled = [cp.Parameter((n, n)) for _ in range(k)]
     constraints: list[Any] = [V + V.T << eye]  # sets the size
-    for A, P_i in zip(balanced, P, strict=True):
-        side = V.T @ (time * A) + P_i
+    for A, P_i in zip(scaled, P, strict=True):
+        side = V.T @ A + P_i
         block = cp.bmat([[-(V + V.T), side, V.T], [side.T, -P_i, np.zeros((n, n))], [V, np.zeros((n, n)), -P_i]])
         constraints.append(0.5 * (block + block.T) << -margin * np.eye(3 * n))
-    answer = solve_problem(
-        cp.Problem(cp.Maximize(margin), constraints),
-        {"V": V, "margin": margin} | {f"P{i}": one for i, one in enumerate(P)},
-        clock=clock,
-        solver=solver,
-    )
-    if not answer.usable or float(answer.values["margin"]) <= 0.0:
-        return None, answer.status if not answer.usable else Status.INFEASIBLE
-    back = 1.0 / scale
-    stack = np.array([_symmetric(answer.values[f"P{i}"]) * np.outer(back, back) for i in range(k)])
-    indices = tuple(range(k))
-    slack = read_only(answer.values["V"] * np.outer(back, back), name="V")
-    return ParameterClaim(indices, (0,) * k, rate, read_only(stack, name="P"), slack, time), answer.status
+    problem = cp.Problem(cp.Maximize(margin), constraints)
+    variables = {"V": V, "margin": margin} | {f"P{i}": one for i, one in enumerate(P)}
+    answer = Answer(Status.INFEASIBLE, {})
+    for units in TIMES:
+        time = units / fastest
+        for parameter, A in zip(scaled, balanced, strict=True):
+            parameter.value = time * A
+        answer = solve_problem(problem, variables, clock=clock, solver=solver, fresh=units == TIMES[0])
+        if answer.usable and float(answer.values["margin"]) > LEAST_MARGIN:
+            back = np.outer(1.0 / scale, 1.0 / scale)
+            stack = read_only([_symmetric(answer.values[f"P{i}"]) * back for i in range(k)], name="P")
+            slack = read_only(answer.values["V"] * back, name="V")
+            return ParameterClaim(tuple(range(k)), (0,) * k, rate, stack, slack, time), answer.status
+        if answer.status is Status.TIME_LIMIT:
+            break
+    return None, Status.INFEASIBLE if answer.usable else answer.status
 
 
 def _largest_rate(
