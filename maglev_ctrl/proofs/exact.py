@@ -161,7 +161,10 @@ def exactly_definite(matrix: Exact) -> tuple[bool | None, float]:
         if any(matrix.numerator[i, i] <= 0 for i in range(n)):
             return False, 0.0 if np.isnan(margin) else min(margin, 0.0)
         matrix = _scaled(matrix)
-        middle = _rounded(matrix)
+        try:
+            middle = _rounded(matrix)
+        except OverflowError:  # with a diagonal near one such an entry makes a minor of two rows negative
+            return False, -np.inf
         proved, value, _ = definite(Enclosure(middle, EPSILON * np.abs(middle) + TINY))
         margin = value if np.isnan(margin) else margin
         if proved:

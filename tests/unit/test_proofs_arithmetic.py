@@ -127,6 +127,11 @@ def test_large_matrices_are_decided_in_better_coordinates(n: int) -> None:
     assert exactly_definite(Exact.of(factor).T @ Exact.of(factor))[0] is not True
 
 
+def test_entries_beyond_every_float_refute() -> None:
+    assert exactly_definite(Exact.of([[1e-300, 1e300], [1e300, 1e-300]]))[0] is False
+    assert exactly_definite(Exact.of([[1e300, 1.0], [1.0, 1e-299]]))[0] is True
+
+
 def test_too_large_matrices_are_not_decided() -> None:
     assert exactly_definite(Exact.of(np.eye(121)))[0] is None
 
