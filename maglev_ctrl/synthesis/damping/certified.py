@@ -44,7 +44,7 @@ class MoreDamping:
 
     @property
     def warning(self) -> str:
-        """What more damping spoils, in a sentence; empty where 20 % more is proved and nothing is lost up to 10 times."""
+        """What more damping spoils, in a sentence; empty where 20 % more is proved and 10 times loses nothing."""
         if np.isfinite(self.unstable_at):
             return f"{self.unstable_at:g} times the damping at {self.place} destabilises"
         if np.isfinite(self.lost_at):
