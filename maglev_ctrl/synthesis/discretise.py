@@ -18,8 +18,10 @@ from maglev_ctrl.systems.plant import Plant
 Method = Literal["tustin", "hold"]
 SCAN_RATIO = 1.05
 """Ratio of neighbouring periods in the search for the slowest stable rate."""
-SAMPLES_OF_FASTEST = 100.0
-"""The search starts at this many samples per time constant (radian) of the fastest closed-loop pole."""
+SAMPLES_OF_FASTEST = (100.0, 30.0, 10.0)
+"""The search starts at this many samples per radian of the fastest closed-loop pole: the first of them that is stable.
+
+At many samples a slow pole is so near 1 that rounding may hide which side it is on."""
 SLOWEST = 1e3
 """The search ends at this many time constants (radians) of the slowest closed-loop pole."""
 VERIFIED = 1e-6
@@ -259,9 +261,11 @@ def largest_period(
         except (ModelError, np.linalg.LinAlgError):
             return False
 
-    low = 1.0 / (SAMPLES_OF_FASTEST * float(np.max(np.abs(poles))))
     end = SLOWEST / float(np.min(np.abs(poles)))
-    if not stable(low):
+    starts = [1.0 / (many * float(np.max(np.abs(poles)))) for many in SAMPLES_OF_FASTEST]
+    low = next((start for start in starts if stable(start)), np.nan)
+    if np.isnan(low):
+        low = starts[0]
         return LargestPeriod(np.nan, False, f"UNRESOLVED: not stable at {low:.3g} s, the shortest period tried")
     high = low * SCAN_RATIO
     while stable(high):

@@ -74,6 +74,20 @@ def test_an_output_that_holds_the_command_is_integrated_too():
     assert abs(_steady(design)[2]) < 1e-9
 
 
+@pytest.mark.parametrize("dt", [None, 0.005])
+def test_units_of_the_states_do_not_matter(dt):
+    plant = _plant()
+    unit = np.array([1e-4, 1e2, 1e6])
+    other = replace(
+        plant, A=plant.A * unit / unit[:, None], B1=plant.B1 / unit[:, None], B2=plant.B2 / unit[:, None],
+        C1=plant.C1 * unit,
+    )  # fmt: skip
+    pair = [one if dt is None else sampled(one, dt) for one in (plant, other)]
+    found = [lqi(one, [Integral("gap", limit)]) for one, limit in zip(pair, (1e-3, 1e1), strict=True)]
+    assert [one.status for one in found] == [Status.SOLVED, Status.SOLVED], found[1].message
+    np.testing.assert_allclose(found[1].controller.D / unit, found[0].controller.D, rtol=1e-9)
+
+
 def test_a_zero_at_the_origin_is_refused_with_the_output_named():
     design = lqi(_plant(), [Integral("speed", 1.0)])  # the speed of a gap that stays bounded ends at zero
     assert design.controllers == ()
