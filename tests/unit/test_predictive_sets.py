@@ -17,6 +17,7 @@ from maglev_ctrl.synthesis.predictive.condensed import (
     shifted,
     solve_box,
 )
+from maglev_ctrl.synthesis.predictive.controller import PredictiveController
 from maglev_ctrl.synthesis.predictive.design import design_predictive
 from maglev_ctrl.synthesis.predictive.kkt import box_residual, kkt_residual, proves_infeasible, proves_unbounded
 from maglev_ctrl.synthesis.predictive.problem import OutputLimit, predictive_problem
@@ -273,3 +274,45 @@ def test_programs_that_are_none():
         quadratic_program([[1.0]], [0.0], [[1.0]], [0.0, 0.0], [1.0])
     with pytest.raises(ValueError, match="A: expected 1 columns"):
         quadratic_program([[1.0]], [0.0], [[1.0, 2.0]], [0.0], [1.0])
+
+
+# --- what the statements promise
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_plan_is_followed_by_a_plan(seed):
+    """Recursive feasibility and a falling cost, on plants in odd units: hard output, command and rate limits."""
+    generator = np.random.default_rng(seed)
+    n = 3
+    A, B = generator.normal(size=(n, n)), generator.normal(size=(n, 1))
+    A *= 1.2 / np.max(np.abs(np.linalg.eigvals(A)))
+    units, force = 10.0 ** generator.integers(-4, 5, size=n), 10.0 ** generator.integers(-2, 4)
+    A, B = A * units[:, None] / units, B * units[:, None] / force
+    plant = Plant.from_matrices(A, B, B, np.diag(1.0 / units), dt=0.1, performance=("z1", "z2", "z3"))
+    problem = predictive_problem(
+        plant, horizon=10, Q=np.diag(1.0 / units**2), R=[[0.1 / force**2]], command_limits=([-force], [force]),
+        rate_limits=[0.8 * force], output_limits=(OutputLimit("z1", -1.0, 0.7),),
+    )  # fmt: skip
+    design = design_predictive(problem)
+    assert design.synthesis.controllers, design.synthesis.message
+    planned = 0
+    for start in generator.normal(size=(4, n)) * [0.3, 0.7, 0.7]:
+        x, law, last = start * units, PredictiveController(design), np.inf
+        for _ in range(20):
+            record = law.step(x)
+            assert record.status in (Status.SOLVED, Status.INFEASIBLE)
+            if record.fallback:
+                assert last == np.inf  # never once there was a plan
+            else:
+                cost = plan_cost(design, record)
+                assert cost <= last * (1.0 + 1e-7) + 1e-9
+                last, planned = cost, planned + 1
+                assert abs(x[0] / units[0]) <= 1.0 + 1e-6 or last == np.inf or planned == 1
+            x = A @ x + B @ record.command
+    assert planned > 20
+
+
+def plan_cost(design, record):
+    stages = zip(record.states[:-1], record.moves, strict=True)
+    total = sum(x @ design.problem.Q @ x + u @ design.problem.R @ u for x, u in stages)
+    return float(total + record.states[-1] @ design.P @ record.states[-1])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -174,12 +175,20 @@ def lyapunov_shape(closed: FloatArray, problem: PredictiveProblem | None, K: Flo
     True
     """
     _, (scale, _) = matrix_balance(closed, permute=False, separate=True)
-    own = np.asarray(solve_discrete_lyapunov(closed.T, np.diag(1.0 / scale**2)), dtype=float)
+    balanced = closed / scale[:, None] * scale
+    own = _gramian(balanced, np.eye(len(closed)))
     if problem is not None:
         stage = problem.Q - problem.N @ K - K.T @ problem.N.T + K.T @ problem.R @ K
-        cost = np.asarray(solve_discrete_lyapunov(closed.T, 0.5 * (stage + stage.T)), dtype=float)
+        cost = _gramian(balanced, 0.5 * (stage + stage.T) * np.outer(scale, scale))
         own = cost + 1e-4 * float(np.trace(cost) / np.trace(own)) * own if np.trace(cost) > 0.0 else own
-    return np.asarray(0.5 * (own + own.T), dtype=float)
+    return np.asarray(0.5 * (own + own.T) / np.outer(scale, scale), dtype=float)
+
+
+def _gramian(A: FloatArray, weight: FloatArray) -> FloatArray:
+    """Sum of A'^k W A^k; what rounding makes of it is for the proof to judge."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return np.asarray(solve_discrete_lyapunov(A.T, weight), dtype=float)
 
 
 def _claims(
