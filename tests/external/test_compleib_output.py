@@ -19,7 +19,7 @@ from maglev_ctrl.synthesis.structured.structure import Structure
 from maglev_ctrl.systems.plant import Plant
 
 PATH = Path(__file__).parents[3] / "shared" / "data" / "external" / "compleib.json"
-STARTS, SEED = 12, 1
+STARTS, SEED = 10, 1
 ALLOWED = 1.02
 SHARE = 0.9
 KEYS = {"h_infinity": "sof_hinf_best_found", "h2": "sof_h2_best_found"}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Sequence
 from functools import partial
 
@@ -41,9 +40,7 @@ def energy_norm(channel: Channel, dt: float | None) -> float:
     if dt is None:
         if np.any(D):
             return np.inf
-        with warnings.catch_warnings():  # nearly marginal: inaccurate, which the comparison of the norms tells
-            warnings.simplefilter("ignore", RuntimeWarning)
-            return float(np.sqrt(np.sum((C @ solve_continuous_lyapunov(A, -B @ B.T)) * C)))
+        return float(np.sqrt(np.sum((C @ solve_continuous_lyapunov(A, -B @ B.T)) * C)))
     return float(np.sqrt(np.sum((C @ solve_discrete_lyapunov(A, B @ B.T)) * C) + np.sum(D**2)))
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 
@@ -112,7 +114,7 @@ def local_optima(
     for plant in chosen:
         for mode in fixed_modes(plant, structure, seed=seed):
             raise ModelError(why_fixed(plant, mode))
-    with np.errstate(all="ignore"):
+    with _quiet():
         return search(
             Objective.of(chosen, structure, objective, tuple(limits)), starts=starts, seed=seed, time_limit=time_limit
         )
@@ -130,13 +132,21 @@ def design_from(
         return refused(LAW, chosen, _why(table), _resistance(chosen, structure, table))
     first: Synthesis | None = None
     for optimum in table.usable[:_TRIED]:
-        with np.errstate(all="ignore"):
+        with _quiet():
             design = _certified(chosen, structure, table, optimum, limits)
         if design.controllers:
             return design
         first = first or design
     assert first is not None
     return first
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """No warnings of overflow or conditioning: the search meets singular loops, and checks what it keeps."""
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore", RuntimeWarning)
+        yield
 
 
 def _certified(

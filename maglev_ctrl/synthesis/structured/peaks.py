@@ -14,6 +14,7 @@ from maglev_ctrl.synthesis.structured.spectral import Piece
 TOLERANCE = 1e-7
 """Relative height that a missed peak may have above the one found."""
 _LEVELS = 25
+_SEEDS = 4
 
 
 def peak_pieces(
@@ -36,8 +37,10 @@ def peak_pieces(
     if loop.dt is not None:
         A, B, C, D = continuous_equivalent(A, B, C, D, loop.dt)
         poles = np.linalg.eigvals(A).astype(complex)
-    upper = poles[poles.imag >= 0.0]
-    seeds = np.concatenate([hints, np.abs(upper), upper.imag[upper.imag > 0.0], [0.0, np.inf]])
+    # The level test finds every peak; the seeds only save levels: the last peaks and the lightly damped poles.
+    light = poles[poles.imag >= 0.0]
+    light = light[np.argsort(-light.real / np.maximum(np.abs(light), 1e-300))[:_SEEDS]]
+    seeds = np.concatenate([hints, np.where(light.imag > 0.0, light.imag, np.abs(light)), [0.0, np.inf]])
     gains = _gains(A, B, C, D, seeds)
     best = float(np.max(gains))
     at = float(seeds[int(np.argmax(gains))])

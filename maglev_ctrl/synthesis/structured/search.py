@@ -111,7 +111,7 @@ def search(objective: Objective, *, starts: int, seed: int, time_limit: float) -
     begun = time.monotonic()
     deadline = begun + time_limit
     enough = begun + _SHARE * time_limit
-    stable_first = objective.quantity in ("h2", "h_infinity") or bool(objective.limits)
+    stable_first = objective.quantity != "decay_rate" or bool(objective.limits)
     trials: list[_Trial] = []
     agreed = False
     if objective.size.size == 0:

@@ -63,7 +63,7 @@ def _best_large(objective: Objective, rng: np.random.Generator) -> FloatArray:
 def _along(objective: Objective, rng: np.random.Generator) -> FloatArray:
     """Parameters of u v' with random directions, and the sign for which v' C2 B2 u, a fast pole, is negative."""
     plant = objective.plants[0]
-    u, v = rng.standard_normal(plant.B2.shape[1]), rng.standard_normal(plant.C2.shape[0])
+    u, v = rng.standard_normal((plant.B2.shape[1],)), rng.standard_normal((plant.C2.shape[0],))
     u, v = u / np.linalg.norm(u), v / np.linalg.norm(v)
     weight = np.sum(objective.structure.basis**2, axis=(1, 2))
     sizes = gain_sizes(objective.plants)
