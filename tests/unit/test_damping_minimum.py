@@ -78,6 +78,7 @@ def test_roll_sway_flutter_against_the_closed_form():
     assert single.carried is None and "no damping was found" in single.reason
 
 
+@pytest.mark.slow
 def test_more_damping_at_one_place_destabilises_and_is_told():
     a11, a22, beta = 100.0, 125.0, 144.0  # stable undamped: 625 > 4 beta; lost where (1 + r)^2 / r exceeds 625 / beta
     design = minimum_damping([_roll_sway(a11, a22, beta)], [ROLL, SWAY], rate=1e-3, starts=3)
@@ -101,6 +102,7 @@ def test_a_damping_ratio_of_one_mass():
     assert any("damping ratio" in proof.statement and proof.holds for proof in design.synthesis.proofs)
 
 
+@pytest.mark.slow
 def test_one_matrix_for_any_variation_costs_more_and_holds_between_the_vertices():
     vertices = [_roll_sway(100.0, 104.0, 144.0), _roll_sway(100.0, 120.0, 64.0)]
     free = minimum_damping(vertices, [ROLL, SWAY], rate=0.5, starts=2)
@@ -117,6 +119,7 @@ def test_one_matrix_for_any_variation_costs_more_and_holds_between_the_vertices(
     assert not prove(fast.synthesis.claims[-1], *less).holds
 
 
+@pytest.mark.slow
 def test_every_constant_blend_is_proved_where_the_cheapest_damping_is_not():
     """Two masses in heave, light and loaded: the cheapest vertex-wise damping carries no proof between them."""
     K, places = np.array([[75e4, -75e4], [-75e4, 375e4]]), [DampingPlace("leg", [1.0, -1.0])]
