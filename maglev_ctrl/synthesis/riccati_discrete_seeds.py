@@ -48,7 +48,7 @@ def pencil_seed(A: FloatArray, B: FloatArray, Q: FloatArray, R: FloatArray, N: F
     inside = int(np.count_nonzero(np.abs(alpha) < np.abs(beta)))
     if inside != n:
         raise LinAlgError(f"the pencil has {inside} eigenvalues inside the unit circle, expected {n}")
-    return symmetric(np.linalg.solve(basis[:n, :n].T, basis[n : 2 * n, :n].T).T)
+    return symmetric(np.asarray(np.linalg.solve(basis[:n, :n].T, basis[n : 2 * n, :n].T).T, dtype=float))
 
 
 def doubling_seed(A: FloatArray, B: FloatArray, Q: FloatArray, R: FloatArray, N: FloatArray) -> FloatArray:
