@@ -189,7 +189,8 @@ def _poles(A: FloatArray, dt: float | None) -> tuple[bool, bool, bool]:
     poles, left, right = cast(tuple[ComplexArray, ...], scipy.linalg.eig(A, left=True, right=True))
     overlap = np.abs(np.sum(left.conj() * right, axis=0))
     size = float(np.linalg.norm(A, 2))
-    blur = 4.0 * len(A) * EPS * size / np.maximum(overlap, EPS)
+    moved = np.sum(np.abs(left) * (np.abs(A) @ np.abs(right)), axis=0)  # first order, entry by entry
+    blur = 4.0 * len(A) * EPS * moved / np.maximum(overlap, EPS)
     distance = poles.real if dt is None else np.abs(poles) - 1.0
     # A multiple pole is spread by a root of the rounding, never further than this share of the size.
     near = np.abs(distance) <= np.minimum(blur, 1e-4 * (size if dt is None else 1.0))

@@ -242,7 +242,9 @@ def _output_law(plant: Plant) -> _Law | None:
     D_k = L0 + direct
     # D22: the formula is for y - D22 u; the loop around it is closed last.
     loop = np.eye(len(plant.measured)) + plant.D22 @ D_k
-    if np.linalg.cond(loop) > 1e10:
+    noise, signal = np.linalg.norm(plant.D21, axis=1), np.linalg.norm(plant.C2, axis=1)
+    unit = np.maximum(np.where(noise > 0.0, noise, signal), 1e-300)
+    if np.linalg.cond(loop * unit / unit[:, None]) > 1e10:
         raise LinAlgError
     back = np.linalg.inv(loop)
     matrices = A_k - B_k @ back @ plant.D22 @ C_k, B_k @ back, C_k - D_k @ back @ plant.D22 @ C_k, D_k @ back

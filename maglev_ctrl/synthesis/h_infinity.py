@@ -7,7 +7,7 @@ bound in most problems. What the law reaches is then computed again from the clo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,8 +34,6 @@ from maglev_ctrl.systems.plant import Plant, closed_channel
 
 BACK_OFF = 1.02
 CURVE = (1.0005, 1.002, 1.01, 1.02, 1.05, 1.1, 1.25, 1.5, 2.0, 4.0)
-PROOFS = 3
-"""Laws of one problem that are tried to be proved before the next problem is looked at."""
 DOUBT = 1e-6
 """Two methods for the norm of the closed loop may differ by this share at most."""
 NOTHING = 1e-7
@@ -275,29 +273,25 @@ def _made(
     """The first law at or above the target that keeps its promise and the bound on its gain, and is proved."""
     kept_back: HInfinityDesign | None = None
     least = np.inf
-    for posed in candidates:
-        target = gamma if gamma is not None else _target(posed, back_off)
-        proofs = 0
-        for level in _ladder(target, gamma is not None, gain_bound):
-            controller = posed.problem.law(level)
-            norm = np.inf if controller is None else _norm(plant, controller)
-            if controller is None or norm > level * (1.0 + 1e-6):
-                continue
-            gain = law_gain(controller)
-            least = min(least, gain)
-            if gain_bound is not None and gain > gain_bound:
-                continue
-            notes = [f"infimum {posed.smallest:.7g} (limit: {posed.bracket.limit}); made for {level:.7g}", *posed.notes]
-            if level > target:
-                reason = f"keep the gain below {gain_bound:.6g}" if gain_bound is not None else "be proved"
-                notes.append(f"gamma was raised from {target:.6g} to {level:.6g} to {reason}")
-            design = _finished(law, plant, posed, controller, level, norm, notes, points)
-            if design.synthesis.controllers:
-                return design
-            kept_back = kept_back or design
-            proofs += 1
-            if proofs >= PROOFS:
-                break
+    for posed, target, level in _attempts(candidates, back_off, gamma, gain_bound):
+        controller = posed.problem.law(level)
+        norm = np.inf if controller is None else _norm(plant, controller)
+        if controller is None or norm > level * (1.0 + 1e-6):
+            continue
+        gain = law_gain(controller)
+        least = min(least, gain)
+        if gain_bound is not None and gain > gain_bound:
+            continue
+        notes = [f"infimum {posed.smallest:.7g} (limit: {posed.bracket.limit}); made for {level:.7g}", *posed.notes]
+        if level > target:
+            reason = f"keep the gain below {gain_bound:.6g}" if gain_bound is not None else "be proved"
+            notes.append(f"gamma was raised from {target:.6g} to {level:.6g} to {reason}")
+        design = _finished(law, plant, posed, controller, level, norm, notes, points)
+        if design.synthesis.controllers:
+            return design
+        kept_back = kept_back or design
+        if gain_bound is not None:
+            break
     if kept_back is not None:
         return kept_back
     message = "no law met its own bound: rescale the plant, or ask for less"
@@ -307,11 +301,19 @@ def _made(
     return _record(refused(law, [plant], status, message), candidates[0], np.nan, np.nan, points)
 
 
-def _ladder(target: float, fixed: bool, gain_bound: float | None) -> tuple[float, ...]:
-    """Levels to try: as asked for; raised a little for a proof; raised far for a bound on the gain."""
+def _attempts(
+    candidates: Sequence[_Posed], back_off: float, gamma: float | None, gain_bound: float | None
+) -> Iterator[tuple[_Posed, float, float]]:
+    """Problem, target and level to try: as asked for; raised a little, or far, for a proof or a bound on the gain."""
     if gain_bound is not None:
-        return tuple(target * factor for factor in (*1.02 ** np.arange(36.0), *(2.0 * 1.3 ** np.arange(1.0, 45.0))))
-    return (target,) if fixed else tuple(target * factor for factor in (1.0, 1.02, 1.05, 1.1, 1.25, 1.5, 2.0))
+        raises: tuple[tuple[float, ...], ...] = ((*1.02 ** np.arange(36.0), *(2.0 * 1.3 ** np.arange(1.0, 45.0))),)
+    else:
+        raises = ((1.0,),) if gamma is not None else ((1.0, 1.02, 1.05, 1.1), (1.5, 2.0))
+    for factors in raises:
+        for posed in candidates:
+            target = gamma if gamma is not None else _target(posed, back_off)
+            for factor in factors:
+                yield posed, target, target * factor
 
 
 def _finished(
@@ -329,7 +331,7 @@ def _finished(
     nothing = max(norm, again.value) <= NOTHING * gamma
     if nothing:
         notes = [*notes, "the law leaves no gain but rounding"]
-    elif again.difference > DOUBT:
+    elif again.difference > DOUBT or not np.isfinite(again.value):
         message = f"H-infinity norm of the closed loop: {again.message}"
         return _record(refused(law, [plant], Status.NOT_VERIFIED, message), posed, gamma, np.nan, points)
     synthesis = proved_law(

@@ -157,10 +157,11 @@ def central_controller(form: NormalForm, pair: Coupled) -> Realisation | None:
 
 
 def restore(form: NormalForm, A: FloatArray, B: FloatArray, C: FloatArray, D: FloatArray) -> Realisation | None:
-    """Back to the plant's units and to its D22: u = K (y - D22 u)."""
-    B, C, D = B @ form.measurement, form.command @ C, form.command @ D @ form.measurement
-    loop = np.eye(form.D22.shape[0]) + form.D22 @ D
+    """Back to the plant's D22, u = K (y - D22 u), and to its units; the loop is judged in units of the normal form."""
+    D22 = form.measurement @ form.D22 @ form.command
+    loop = np.eye(D22.shape[0]) + D22 @ D
     if np.linalg.cond(loop) > 1e10:
         return None
     back = np.linalg.inv(loop)
-    return A - B @ back @ form.D22 @ C, B @ back, C - D @ back @ form.D22 @ C, D @ back
+    A, B, C, D = A - B @ back @ D22 @ C, B @ back, C - D @ back @ D22 @ C, D @ back
+    return A, B @ form.measurement, form.command @ C, form.command @ D @ form.measurement

@@ -169,15 +169,22 @@ def state_problem(plant: Plant) -> StateProblem:
     >>> round(float(state_problem(plant).law(2.0).D[0, 0]), 6)
     -3.097168
     """
-    units = np.linalg.norm(plant.D12, axis=0)  # of the commands, in which their prices are alike
-    plant = replace(plant, B2=plant.B2 / units, D12=plant.D12 / units)
     if plant.dt is None:
+        plant, units = _in_price_units(plant, plant.D12)
         return StateProblem(plant, Channel(plant.A, plant.B1, plant.B2, plant.C1, plant.D11, plant.D12), units)
     m1 = plant.B1.shape[1]
-    A, B, C, D = continuous_equivalent(
-        plant.A, np.hstack([plant.B1, plant.B2]), plant.C1, np.hstack([plant.D11, plant.D12]), plant.dt
-    )
-    return StateProblem(plant, Channel(A, B[:, :m1], B[:, m1:], C, D[:, :m1], D[:, m1:], sees_disturbance=True), units)
+    B, D = np.hstack([plant.B1, plant.B2]), np.hstack([plant.D11, plant.D12])
+    plant, units = _in_price_units(plant, continuous_equivalent(plant.A, B, plant.C1, D, plant.dt or 1.0)[3][:, m1:])
+    B, D = np.hstack([plant.B1, plant.B2]), np.hstack([plant.D11, plant.D12])
+    A, B, C, D = continuous_equivalent(plant.A, B, plant.C1, D, plant.dt or 1.0)
+    channel = Channel(A, B[:, :m1], B[:, m1:], C, D[:, :m1], D[:, m1:], sees_disturbance=True)
+    return StateProblem(plant, channel, units)
+
+
+def _in_price_units(plant: Plant, price: FloatArray) -> tuple[Plant, FloatArray]:
+    """The plant with commands in units in which their prices (columns of D12, or of its continuous like) are alike."""
+    units = np.linalg.norm(price, axis=0)
+    return replace(plant, B2=plant.B2 / units, D12=plant.D12 / units), units
 
 
 def output_problem(plant: Plant) -> OutputProblem:
