@@ -14,7 +14,7 @@ from maglev_ctrl.arrays import FloatArray, read_only
 from maglev_ctrl.errors import NotStable
 from maglev_ctrl.proofs.claims import Claim, DecayClaim, EllipsoidClaim, EnergyClaim, GainClaim, RegionClaim
 from maglev_ctrl.proofs.prove import prove
-from maglev_ctrl.synthesis.lmi.problem import WIDE, Optimum, Problem
+from maglev_ctrl.synthesis.lmi.problem import USUAL, Optimum, Problem
 from maglev_ctrl.synthesis.lmi.request import MultiObjective, channel_indices
 from maglev_ctrl.synthesis.lmi.stability import closed_loops, parameter_certificate, quadratic_stability
 from maglev_ctrl.synthesis.result import Performance
@@ -256,10 +256,13 @@ def _solved_again(problem: Problem, claim: Claim, alone: MultiObjective, control
             h_infinity=(infinity[0], infinity[1] + infinity[2] @ law, 0.0 * infinity[2], infinity[3]),
         ))  # fmt: skip
     fixed = replace(problem, plants=chosen, vertices=tuple(vertices), request=alone, lyapunov="common")
-    weights = {"h2": {"weigh_energy": 1.0}, "h_infinity": {"weigh_gamma": 1.0}}.get(
-        alone.objective, {"weigh_sigma": 1.0}
-    )
-    answer = fixed.solve(WIDE, **weights)
+    # Nothing to make best: any point inside will do, and the solver stops in the middle of what is left.
+    bounds: dict[str, float] = {"weigh_trace": 0.0}
+    if isinstance(claim, EnergyClaim):
+        bounds["energy_most"] = (claim.level / scaling.h2) ** 2 * (1.0 - ROOM)
+    if isinstance(claim, GainClaim):
+        bounds["gamma_most"] = claim.gamma / scaling.h_infinity * (1.0 - ROOM)
+    answer = fixed.solve(USUAL, **bounds)
     if not answer.usable:
         return claim
     values: Mapping[str, FloatArray] = answer.values

@@ -20,6 +20,9 @@ RATE_MOST = 2.0**10
 """Scaled decay rate that counts as unbounded."""
 RATE_STEPS = 12
 GAIN_STEPS = {"gain": 8, "feasible": 2, "h2": 2, "h_infinity": 2, "decay": 2}
+NORMS = {"h2": ("energy", 2, "h2"), "h_infinity": ("gamma", 1, "h_infinity")}
+"""Variable, power of the norm in it, and unit of an objective that is a norm."""
+BISECTED, BISECTIONS = 2e-3, 24
 HARD = {Status.TIME_LIMIT, Status.UNBOUNDED}
 
 
@@ -54,7 +57,38 @@ def optimise(problem: Problem) -> Optimum:
             and last.certain
         ):
             found = last
+    if not found.values and found.status is Status.NUMERICAL_ERROR and problem.request.objective in NORMS:
+        found = _bisected(problem)
+        solves += found.solves
     return Optimum(found.status, found.values, found.objective, found.rate, solves, found.certain)
+
+
+def _bisected(problem: Problem) -> Optimum:
+    """A norm by bisection on its bound: no objective, so that the solver stays inside and not at an edge.
+
+    Slower, and used where the objective itself made the solver stumble. The lower end is not proved.
+    """
+    request, scaling = problem.request, problem.scaling
+    key, power, unit = NORMS[request.objective]
+    asked = problem.numbers(USUAL)[f"{key}_most"]
+    low, high = 0.5, np.inf
+    best: Answer | None = None
+    solves = 0
+    while high > low * (1.0 + BISECTED) and solves < BISECTIONS:
+        level = 2.0 * low if best is None else float(np.sqrt(low * high))
+        answer = problem.solve(USUAL, **{f"{key}_most": min(level**power, asked)})
+        solves += 1
+        if answer.status is Status.TIME_LIMIT:
+            return Optimum(answer.status, {}, solves=solves)
+        if answer.usable:
+            best, high = answer, level
+            low = min(low, 0.5 * high)
+        else:
+            low = level
+    if best is None:
+        return Optimum(Status.NUMERICAL_ERROR, {}, solves=solves)
+    value = high * (scaling.h2 if unit == "h2" else scaling.h_infinity)
+    return Optimum(Status.ALMOST_SOLVED, best.values, value, request.decay_rate or 0.0, solves, False)
 
 
 def _norm(problem: Problem, attempt: int) -> Optimum:
@@ -64,7 +98,9 @@ def _norm(problem: Problem, attempt: int) -> Optimum:
     weights: dict[str, Any] = {f"weigh_{key}": 1.0} if key else _gain_weights(problem, 1.0)
     first = problem.solve(attempt, **weights)
     if not first.usable:
-        return Optimum(first.status, {}, solves=1, certain=first.certain)
+        # A norm is never below zero: "unbounded" is rounding.
+        status = Status.NUMERICAL_ERROR if first.status is Status.UNBOUNDED else first.status
+        return Optimum(status, {}, solves=1, certain=first.certain)
     rate = request.decay_rate or 0.0
     if key is None:
         best, count = _least_gain(problem, attempt, first)
