@@ -11,6 +11,8 @@ from maglev_ctrl.scenario.units import (
     AccelerationNoise,
     AnyQuantity,
     Damping,
+    NonnegativeQuantity,
+    NonnegativeRatio,
     Payload,
     PositiveLength,
     PositiveRatio,
@@ -32,7 +34,11 @@ class Allowed(Record):
         max_length=100,
         description='e.g. "car.heave.acceleration", "car.pitch", "magnet_gap" (all magnets), "<element>.stroke"',
     )
-    actuator: Name | None = Field(None, description="name of an actuator of this option")
+    actuator: Name | None = Field(
+        None,
+        description='an actuator of this option, or windings of electromagnets: "magnet" (all), "<bogie>_magnet", '
+        "or one magnet",
+    )
     value: AnyQuantity = Field(description="largest value you would accept, above zero")
 
 
@@ -99,6 +105,10 @@ class Lqg(_Weighted):
 
 class _Disturbed(_Weighted):
     disturbance: AccelerationNoise = Field(description="acceleration noise density on every freedom of every body")
+    command_disturbance: NonnegativeRatio = Field(
+        0.0,
+        description="density of a disturbance on every command, in allowed values per Hz^0.5; buys margins",
+    )
 
 
 class RiccatiLaw(_Disturbed):
@@ -109,7 +119,9 @@ class RiccatiLaw(_Disturbed):
     guideway: SpeedNoise | None = Field(
         None, description="velocity density of the guideway's roughness as a further disturbance; sensors only"
     )
-    back_off: PositiveRatio = Field(1.05, description="H-infinity only: the design's gamma over the smallest possible")
+    back_off: PositiveRatio = Field(
+        1.05, description="H-infinity only: the design's gamma over the smallest possible, above 1"
+    )
 
 
 class MultiObjective(_Disturbed):
@@ -142,7 +154,9 @@ class OutputFeedback(_Disturbed):
     )
     order: int = Field(0, ge=0, le=6, description="states of the law; 0 = constant gains")
     links: Many[Annotated[Many[Name], Field(min_length=2, max_length=2)]] = Field(
-        (), description="pairs [sensor, actuator] that are allowed; left out: every actuator sees every sensor"
+        (),
+        description="pairs [sensor, actuator] that are allowed, for constant gains; left out: every actuator sees "
+        "every sensor",
     )
     corners: Corners | None = Field(None, description="operating points the law has to hold at")
     starts: int = Field(8, ge=1, le=500, description="starting points of the search")
@@ -178,7 +192,11 @@ class Scheduled(_Weighted):
 
     law: Literal["scheduled"]
     over: Scheduling = Field(description="the parameter")
-    nodes: Many[AnyQuantity] = Field(min_length=2, max_length=60, description="its values at which laws are designed")
+    nodes: Many[NonnegativeQuantity] = Field(
+        min_length=2,
+        max_length=60,
+        description="its values at which laws are designed, the design point among or between them",
+    )
     method: Literal["interpolated", "polytopic"] = Field(
         "interpolated",
         description="interpolated: linear-quadratic gains with a bound on how fast the parameter may change; "

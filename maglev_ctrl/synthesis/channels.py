@@ -28,6 +28,7 @@ def generalised_plant(
     input_weights: Sequence[InputWeight],
     *,
     disturbance: float,
+    command_disturbance: float = 0.0,
     sensors: Sequence[SensorNoise] = (),
     guideway: GuidewayNoise | None = None,
     name: str = "plant",
@@ -38,6 +39,8 @@ def generalised_plant(
     ----------
     output_weights, input_weights : as in `design_lqr`
     disturbance : density of the acceleration of every freedom, one-sided, m/s^2 (rad/s^2) per sqrt(Hz)
+    command_disturbance : density of a disturbance added to every command, in its allowed values per sqrt(Hz): what an
+        uncertain actuator or plant does to a loop; it keeps the loop's own margins in the design's sight
     sensors : measured outputs and their noise densities; empty for state feedback
     guideway : roughness; needs sensors, because its states cannot be measured
 
@@ -58,14 +61,19 @@ def generalised_plant(
     model = noise_factors(system, weights, sensors, disturbance=disturbance, guideway=guideway)
     effort = np.diag([1.0 / given.allowed for given in input_weights])
     count = len(input_weights)
+    B1, D21, disturbances = model.B1, model.D21, model.disturbances
+    if command_disturbance > 0.0:
+        push = np.sqrt(0.5) * command_disturbance * np.diag([given.allowed for given in input_weights])
+        B1, D21 = np.hstack([B1, model.B @ push]), np.hstack([D21, model.D @ push])
+        disturbances += tuple(f"{given.actuator}.disturbance" for given in input_weights)
     return Plant.from_matrices(
-        model.A, model.B1, model.B,
+        model.A, B1, model.B,
         np.vstack([model.weights.rows, np.zeros((count, model.A.shape[0]))]),
         model.C if sensors else None,
         D12=np.vstack([weights.through, effort]),
-        D21=model.D21 if sensors else None,
+        D21=D21 if sensors else None,
         D22=model.D if sensors else None,
-        states=model.states, disturbances=model.disturbances, commands=weights.commands,
+        states=model.states, disturbances=disturbances, commands=weights.commands,
         performance=(*(given.output for given in output_weights), *weights.commands),
         measured=model.measured if sensors else None, name=name,
     )  # fmt: skip

@@ -110,7 +110,14 @@ class Task:
         """
         return self.model.plant(Situation.of_design(self.model.scenario), pade_order=0)
 
-    def plants(self, corners: Sequence[Corner], *, disturbance: float, sensors: bool = False) -> tuple[Plant, ...]:
+    def plants(
+        self,
+        corners: Sequence[Corner],
+        *,
+        disturbance: float,
+        command_disturbance: float = 0.0,
+        sensors: bool = False,
+    ) -> tuple[Plant, ...]:
         """Generalised plants at the corners.
 
         Raises
@@ -124,6 +131,7 @@ class Task:
                 self.outputs,
                 self.inputs,
                 disturbance=disturbance,
+                command_disturbance=command_disturbance,
                 sensors=self.sensors if sensors else (),
                 name=corner.name,
             )
@@ -272,7 +280,8 @@ def _riccati(task: Task, record: RiccatiLaw) -> MadeLaw:
     guideway = None if record.guideway is None else GuidewayNoise(record.guideway)
     plant = generalised_plant(
         task.system(), task.outputs, task.inputs,
-        disturbance=record.disturbance, sensors=task.sensors if record.feedback == "sensors" else (),
+        disturbance=record.disturbance, command_disturbance=record.command_disturbance,
+        sensors=task.sensors if record.feedback == "sensors" else (),
         guideway=guideway, name="design point",
     )  # fmt: skip
     require_reachable(plant)
@@ -294,7 +303,7 @@ def region_of(record: MultiObjective) -> Region | None:
 
 def _multi_objective(task: Task, record: MultiObjective) -> MadeLaw:
     corners = task.corners(record.corners)
-    plants = task.plants(corners, disturbance=record.disturbance)
+    plants = task.plants(corners, disturbance=record.disturbance, command_disturbance=record.command_disturbance)
     region = region_of(record)
     from maglev_ctrl.synthesis.lmi.request import MultiObjective as Request
     from maglev_ctrl.synthesis.lmi.state_feedback import multi_objective
@@ -311,7 +320,9 @@ def _multi_objective(task: Task, record: MultiObjective) -> MadeLaw:
 
 def _output_feedback(task: Task, record: OutputFeedback) -> MadeLaw:
     corners = task.corners(record.corners)
-    plants = task.plants(corners, disturbance=record.disturbance, sensors=True)
+    plants = task.plants(
+        corners, disturbance=record.disturbance, command_disturbance=record.command_disturbance, sensors=True
+    )
     mask = np.ones((len(plants[0].commands) + record.order, len(plants[0].measured) + record.order), dtype=bool)
     if task.law.links:
         for i, actuator in enumerate(plants[0].commands):
