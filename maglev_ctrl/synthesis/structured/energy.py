@@ -26,7 +26,9 @@ def energy_piece(loop: Closed) -> Piece:
         Q = np.asarray(solve_discrete_lyapunov(loop.A.T, loop.C.T @ loop.C), dtype=np.float64)
         inner, D = Q @ loop.A @ P, loop.D
         square = float(np.sum((loop.C @ P) * loop.C) + np.sum(D**2))
-    if not (np.isfinite(square) and square >= 0.0):
+    dual = float(np.sum((Q @ loop.B) * loop.B)) + (0.0 if D is None else float(np.sum(D**2)))
+    # The two Gramians give one norm; where they do not, the loop is marginal and neither number means anything.
+    if not (np.isfinite(square) and square >= 0.0 and abs(square - dual) <= 1e-6 * abs(square)):
         return Piece(np.inf, np.zeros((loop.E.shape[1], loop.F.shape[0])))
     norm = max(float(np.sqrt(square)), 1e-300)
     return Piece(

@@ -141,7 +141,7 @@ def search(objective: Objective, *, starts: int, seed: int, time_limit: float) -
     trials.sort(key=lambda one: one.value)
     for trial in trials[:_CANDIDATES]:
         if trial.value < trials[0].value + _NEAR:
-            if trial.reason == "iterations":
+            if trial.reason in ("iterations", "no progress"):
                 _finish(objective, trial, deadline)
             _polished(objective, trial, deadline)
             _keep_limits(objective, trial, deadline)
@@ -162,16 +162,21 @@ def _stabilised(objective: Objective, t: FloatArray, deadline: float) -> tuple[F
 
 
 def _descent(
-    objective: Objective, t: FloatArray, iterations: int, deadline: float, inverse: FloatArray | None = None
+    objective: Objective,
+    t: FloatArray,
+    iterations: int,
+    deadline: float,
+    inverse: FloatArray | None = None,
+    progress: float = 1e-5,
 ) -> Descent:
     return descend(
         objective.value, t, lower=objective.lower, upper=objective.upper, iterations=iterations, deadline=deadline,
-        inverse=inverse,
+        inverse=inverse, progress=progress,
     )  # fmt: skip
 
 
 def _finish(objective: Objective, trial: _Trial, deadline: float) -> None:
-    end = _descent(objective, trial.t, _LONG, deadline, trial.inverse)
+    end = _descent(objective, trial.t, _LONG, deadline, trial.inverse, progress=1e-6)
     if end.value <= trial.value:
         trial.t, trial.value, trial.inverse, trial.reason = end.t, end.value, end.inverse, end.reason
 
