@@ -316,3 +316,27 @@ def plan_cost(design, record):
     stages = zip(record.states[:-1], record.moves, strict=True)
     total = sum(x @ design.problem.Q @ x + u @ design.problem.R @ u for x, u in stages)
     return float(total + record.states[-1] @ design.P @ record.states[-1])
+
+
+def test_hock_schittkowski_268():
+    """Optimum zero at (1, 2, -1, 3, -4) as the difference of terms of 14463 (Schittkowski 1987, problem 268)."""
+    D = [[10197, -12454, -1013, 1948, 329], [-12454, 20909, -1733, -4914, -186], [-1013, -1733, 1755, 1089, -174],
+         [1948, -4914, 1089, 1515, -22], [329, -186, -174, -22, 27]]  # fmt: skip
+    A = [[-1, -1, -1, -1, -1], [10, 10, -3, 5, 4], [-8, 1, -2, -5, 3], [8, -1, 2, 5, -3], [-4, -2, 3, -5, 1]]
+    slope = -2.0 * np.array([-9170.0, 17099.0, -2271.0, -4336.0, -43.0])
+    found = quadratic_program(2.0 * np.array(D), slope, A, [-5, 20, -40, 11, -30], [None] * 5)
+    assert found.status is Status.SOLVED
+    assert found.x == pytest.approx([1.0, 2.0, -1.0, 3.0, -4.0], abs=1e-9)
+    assert found.objective + 14463.0 == pytest.approx(0.0, abs=1e-9)
+
+
+def test_hock_schittkowski_118():
+    """Fifteen variables, 29 rows and bounds on all, a vertex with many active: 664.82045 (problem 118)."""
+    P, q = np.diag(np.tile([2e-4, 2e-4, 3e-4], 5)), np.tile([2.3, 1.7, 2.2], 5)
+    rows = [np.eye(15)[3 * k + j] - np.eye(15)[3 * k + j - 3] for k in range(1, 5) for j in range(3)]
+    rows += [np.repeat(np.eye(5)[k], 3) for k in range(5)]
+    lower = [-7.0, -7.0, -7.0] * 4 + [60.0, 50.0, 70.0, 85.0, 100.0] + [8.0, 43.0, 3.0] + [0.0] * 12
+    upper = [6.0, 7.0, 6.0] * 4 + [None] * 5 + [21.0, 57.0, 16.0] + [90.0, 120.0, 60.0] * 4
+    found = quadratic_program(P, q, np.vstack([rows, np.eye(15)]), lower, upper)
+    assert found.status is Status.SOLVED
+    assert found.objective == pytest.approx(664.82045, abs=5e-9 * 664.0)

@@ -87,6 +87,8 @@ def quadratic_program(
     lower, upper : (m,) bounds l and u; None, nan-free infinities and magnitudes of 1e20 or more mean no bound
     time_limit : s, for each solver
 
+    Bounds that miss one another by less than 1e-8 of the scale of the problem count as met.
+
     Raises
     ------
     ValueError : shapes do not fit, P is not symmetric or not positive semidefinite, or an entry is not finite

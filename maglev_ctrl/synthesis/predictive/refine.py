@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.linalg import lstsq
 
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.synthesis.predictive.kkt import kkt_residual, largest_in_rows
@@ -85,7 +86,7 @@ def _on_bounds(
             rest = np.concatenate([
                 -(weight @ point + q) / size - tied.T @ scaled, sides[chosen] / norms - tied @ point
             ])  # fmt: skip
-            change = np.linalg.lstsq(K, rest, rcond=1e-12)[0]
+            change = np.asarray(lstsq(K, rest, cond=1e-12, lapack_driver="gelsy")[0], dtype=float)
             point = point + change[:n]
             push[chosen] = (scaled + change[n:]) * size / norms
     except np.linalg.LinAlgError:

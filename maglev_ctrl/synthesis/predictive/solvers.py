@@ -19,7 +19,7 @@ linprog: Any = scipy.optimize.linprog
 """SciPy's linear programs (HiGHS)."""
 OSQP_SETTINGS: dict[str, Any] = {
     "verbose": False, "eps_abs": 1e-9, "eps_rel": 1e-9, "eps_prim_inf": 1e-9, "eps_dual_inf": 1e-9,
-    "polish_refine_iter": 5, "max_iter": 20000, "check_termination": 25,
+    "polish_refine_iter": 5, "max_iter": 4000, "check_termination": 25,
     # counted in iterations, not in seconds, so that a run can be repeated
     "adaptive_rho": 1, "adaptive_rho_interval": 50,
 }  # fmt: skip
