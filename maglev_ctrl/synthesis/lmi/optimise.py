@@ -9,7 +9,7 @@ import numpy as np
 
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.errors import Status
-from maglev_ctrl.synthesis.lmi.problem import TIGHT, USUAL, WIDE, Optimum, Problem
+from maglev_ctrl.synthesis.lmi.problem import CAPS, TIGHT, USUAL, WIDE, Optimum, Problem
 from maglev_ctrl.synthesis.lmi.session import Answer
 
 BACK_OFF = 2e-3
@@ -177,6 +177,9 @@ def _decay(problem: Problem, attempt: int) -> Optimum:
             low, best = middle, answer
         else:
             high = middle
+    square = float(best.values["sigma"] / best.values["floor"])
+    if problem.request.gain_below is None and square > 0.25 * CAPS[attempt][1]:
+        return Optimum(Status.UNBOUNDED, {}, solves=count)  # only the cap on the gain holds it
     rate = max((1.0 - BACK_OFF) * low, (problem.request.decay_rate or 0.0) / unit)
     values, more = _least_gain(problem, attempt, best, twice_rate=2.0 * rate)
     return Optimum(best.status, values, low * unit, rate * unit, count + more)

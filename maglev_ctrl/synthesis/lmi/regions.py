@@ -72,7 +72,7 @@ def disk(centre: float, radius: float) -> Region:
     [True, False]
     """
     _finite("centre", centre)
-    label = f"poles within {_positive('radius', radius):g} 1/s of {centre:g} 1/s"
+    label = f"distance below {_positive('radius', radius):g} 1/s from {centre:g} 1/s"
     return _region(label, [[-radius, -centre], [-centre, -radius]], [[0.0, 1.0], [0.0, 0.0]])
 
 
