@@ -31,6 +31,10 @@ TITLES = {
     "Magnets": "[vehicle.magnets]",
     "Aerodynamics": "[vehicle.aerodynamics]",
     "Allowed": "option.control.allowed",
+    "Amount": "option.control.integral, start, load",
+    "Limit": "[[option.control.limit]]",
+    "Corners": "corners",
+    "DampingBudget": "[option.damping_budget]",
     "CoilRecord": "[[forces.coil]]",
     "Rectangle": "[[forces.guideway.plate]]",
     "Outline": "[[forces.guideway.conductor]]",
@@ -97,13 +101,15 @@ def title(name: str, record: Schema) -> str:
         values = [chosen["const"]] if "const" in chosen else chosen["enum"]
         return f"[[requirement]] quantity = {', '.join(values)}"
     for key in ("model", "law", "kind", "shape"):
-        if key in properties and "const" in properties[key]:
+        chosen = properties.get(key, {})
+        values = [chosen["const"]] if "const" in chosen else chosen.get("enum", [])
+        if values:
             if name.endswith("Source"):
-                return f'[[periodic.source]] {key} = "{properties[key]["const"]}"'
+                return f'[[periodic.source]] {key} = "{values[0]}"'
             table = {"law": "[option.control]", "kind": "[[option.sensor]]", "shape": "[forces.guideway]"}.get(
                 key, "[forces]" if name.endswith("Forces") else "[vehicle]"
             )
-            return f'{table} {key} = "{properties[key]["const"]}"'
+            return f"{table} {key} = {' or '.join(literal(value) for value in values)}"
     return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from maglev_ctrl.scenario.checks_options import NEGATIVE_DAMPING, option_faults
+from maglev_ctrl.scenario.checks_points import point_faults
 from maglev_ctrl.scenario.eddy_current import eddy_current_faults
 from maglev_ctrl.scenario.electromagnet import electromagnet_faults
 from maglev_ctrl.scenario.force_schema import (
@@ -44,6 +45,7 @@ def faults_in(scenario: Scenario) -> list[Fault]:
     commands = command_dimensions(scenario)
     for index, option in enumerate(scenario.options):
         faults.extend(option_faults(option, here, commands=commands, path=("option", index)))
+        faults.extend(point_faults(scenario, option, path=("option", index)))
     return faults
 
 

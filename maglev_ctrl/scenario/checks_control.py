@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import assert_never
 
+from maglev_ctrl.scenario.checks_values import product, time_faults, unit_faults
 from maglev_ctrl.scenario.control_schema import (
-    Corners,
     HookedLaw,
     Lqg,
     Lqi,
@@ -22,14 +22,16 @@ from maglev_ctrl.scenario.control_schema import (
 from maglev_ctrl.scenario.layout import Layout, outputs_of, place_element, place_sensor
 from maglev_ctrl.scenario.option_schema import OptionRecord, SensorRecord
 from maglev_ctrl.scenario.problems import Fault, KeyPath, near_match
-from maglev_ctrl.scenario.units import Dimensions, Quantity, describe, dimensions_of
+from maglev_ctrl.scenario.units import Dimensions, Quantity, dimensions_of
 
 Commands = Mapping[str, tuple[Dimensions, tuple[str, ...]]]
 Outputs = Mapping[str, tuple[Dimensions, tuple[str, ...]]]
 Weighted = Lqr | Lqi | Lqg | RiccatiLaw | MultiObjective | OutputFeedback | Scheduled | Predictive
 _SECOND = dimensions_of("s")
+_SPEED, _ACCELERATION, _RATE, _ANGULAR = (dimensions_of(unit) for unit in ("m/s", "m/s^2", "rad/s", "rad/s^2"))
 _NOISE_EXAMPLES = {"velocity": "1 mm/s/Hz^0.5", "acceleration": "0.01 m/s^2/Hz^0.5"}
-_PARAMETERS = {"speed": "m/s", "height": "m", "gap": "m", "payload": "kg"}
+STEP_LIMIT = 20_000
+"""Largest number of steps of the manoeuvre predictive control is shown by."""
 
 
 def control_faults(option: OptionRecord, here: Layout, commands: Commands, *, path: KeyPath) -> Iterator[Fault]:
@@ -43,6 +45,7 @@ def control_faults(option: OptionRecord, here: Layout, commands: Commands, *, pa
     law, place = option.control, (*path, "control")
     assert law is not None
     outputs = outputs_of(option, here)
+    yield from time_faults(law, "sampling_period", "time_limit", "duration", path=place)
     match law:
         case SkyHook():
             yield from _hook_faults(option, law.sensor, here, path=(*place, "sensor"))
@@ -52,29 +55,37 @@ def control_faults(option: OptionRecord, here: Layout, commands: Commands, *, pa
         case HookedLaw():
             yield from _damping_faults(option, law, path=place)
             return
-        case Lqr() | Lqg() | MultiObjective():
+        case Lqr() | Lqg() | MultiObjective() | Scheduled():
             pass
         case Lqi():
-            for index, item in enumerate(law.integral):
-                yield from _amount_faults(
-                    item.output, item.value, outputs, path=(*place, "integral", index), times=_SECOND
-                )
+            yield from _integral_faults(option, law, here, (outputs, commands), path=place)
         case RiccatiLaw():
+            if option.sensors and "feedback" not in law.model_fields_set:
+                yield Fault(
+                    (*place, "feedback"),
+                    'missing; the option has sensors: expected feedback = "sensors" to measure with them or '
+                    'feedback = "states" to leave them aside',
+                )
             if law.feedback == "states" and law.guideway is not None:
                 yield Fault(
                     (*place, "guideway"), 'expected feedback = "sensors": the guideway\'s states are not measured'
                 )
-            if law.back_off < 1.0:
-                yield Fault((*place, "back_off"), f"expected 1 or more, got {law.back_off:g}")
+            if law.back_off <= 1.0:
+                yield Fault((*place, "back_off"), f"expected a factor above 1, got {law.back_off:g}")
+            if law.law == "h2" and "back_off" in law.model_fields_set:
+                yield Fault((*place, "back_off"), "an H2 law has no gamma to back off from; remove it", at_key=True)
         case OutputFeedback():
-            yield from _link_faults(option, law, commands, path=place)
-        case Scheduled():
-            yield from _schedule_faults(law, path=place)
+            yield from _link_faults(option, law, here, commands, path=place)
+            if law.objective == "h2" and law.order == 0:
+                reason = "white sensor noise through constant gains makes the H2 norm infinite; expected h_infinity, "
+                yield Fault((*place, "objective"), f"{reason}decay_rate or damping_ratio, or order = 1 or more")
         case Predictive():
             for index, limit in enumerate(law.limits):
                 yield from _amount_faults(limit.output, limit.value, outputs, path=(*place, "limit", index))
-            if law.sampling_period <= 0.0:
-                yield Fault((*place, "sampling_period"), "expected a time above zero")
+            yield from _twice(
+                [(item.output, _members(item.output, outputs)) for item in law.limits],
+                "already has a limit", path=(*place, "limit"),
+            )  # fmt: skip
             yield from _manoeuvre_faults(law, here, path=place)
         case _ as never:
             assert_never(never)
@@ -82,8 +93,6 @@ def control_faults(option: OptionRecord, here: Layout, commands: Commands, *, pa
     senses = isinstance(law, Lqg | OutputFeedback) or (isinstance(law, RiccatiLaw) and law.feedback == "sensors")
     if senses:
         yield from _noise_faults(option, law.law, path=path)
-    if isinstance(law, MultiObjective | OutputFeedback):
-        yield from _corner_faults(law.corners, path=(*place, "corners"))
     if isinstance(law, MultiObjective):
         yield from _requirement_faults(law, path=place)
 
@@ -109,7 +118,15 @@ def budget_faults(option: OptionRecord, *, path: KeyPath) -> Iterator[Fault]:
         )
     if budget.largest is not None and budget.largest <= 0.0:
         yield Fault((*place, "largest"), "expected a damping above zero")
-    yield from _corner_faults(budget.corners, path=(*place, "corners"))
+    yield from time_faults(budget, "time_limit", path=place)
+    if option.control is not None:
+        yield Fault(
+            place, "expected either a control law or a damping budget; give the chosen dampers to another option",
+            at_key=True,
+        )  # fmt: skip
+    for index, element in enumerate(option.spring_dampers):
+        if element.lag:
+            yield Fault((*path, "spring_damper", index, "lag"), "a damping_budget chooses dampers without a lag only")
 
 
 def _weight_faults(
@@ -119,9 +136,10 @@ def _weight_faults(
     driven = {actuator.name: newton for actuator in option.actuators}
     driven |= {name: dimensions for name, (dimensions, _) in commands.items()}
     weighted: set[str] = set()
-    named: list[str] = []
+    named: list[tuple[str, tuple[str, ...]]] = []
     for index, item in enumerate(law.allowed):
         place: KeyPath = (*path, "allowed", index)
+        named.append((item.output or item.actuator or "", ()))
         if (item.output is None) == (item.actuator is None):
             yield Fault(place, "expected exactly one of output and actuator")
             continue
@@ -137,10 +155,10 @@ def _weight_faults(
                 yield Fault((*place, "output"), f'no output is called "{name}"{_near_output(name, outputs)}')
                 continue
             dimensions = outputs[name][0]
-        if name in named:
-            yield Fault(place, f'"{name}" already has a weight')
-        named.append(name)
-        yield from _unit_faults(name, item.value, dimensions, path=(*place, "value"))
+        members = _members(name, outputs) if item.output else commands[name][1] if name in commands else (name,)
+        named[-1] = (name, members)
+        yield from unit_faults(name, item.value, dimensions, path=(*place, "value"))
+    yield from _twice(named, "already has a weight", path=(*path, "allowed"))
     for missing in sorted({actuator.name for actuator in option.actuators} - weighted):
         yield Fault((*path, "allowed"), f'expected a weight {{ actuator = "{missing}", value = ... }} as well')
     if not option.actuators and not weighted:
@@ -150,6 +168,57 @@ def _weight_faults(
         yield Fault((*path, "allowed"), "expected at least one { output = ..., value = ... }")
 
 
+def _members(name: str, outputs: Outputs) -> tuple[str, ...]:
+    return outputs[name][1] if name in outputs else ()
+
+
+def _twice(named: Sequence[tuple[str, tuple[str, ...]]], told: str, *, path: KeyPath) -> Iterator[Fault]:
+    """Names that mean something an earlier one of the list already means."""
+    owners: dict[str, str] = {}
+    for index, (name, members) in enumerate(named):
+        shared = next((member for member in members if member in owners), None)
+        if shared is not None:
+            by = "" if owners[shared] == name else f' by "{owners[shared]}"'
+            yield Fault((*path, index), f'"{name if not by else shared}" {told}{by}')
+        owners |= dict.fromkeys(members, name)
+
+
+def _integral_faults(
+    option: OptionRecord, law: Lqi, here: Layout, known: tuple[Outputs, Commands], *, path: KeyPath
+) -> Iterator[Fault]:
+    """Integrals of what has no steady value, of what nothing weighs, or of more than can be steered."""
+    outputs, commands = known
+    freedoms = {f"{body}.{freedom}" for body, names in here.bodies for freedom in names}
+    weighted = {member for item in law.allowed if item.output for member in _members(item.output, outputs)}
+    still = {_SPEED, _ACCELERATION, _RATE, _ANGULAR}
+    wanted: list[tuple[str, tuple[str, ...]]] = []
+    for index, item in enumerate(law.integral):
+        place: KeyPath = (*path, "integral", index)
+        yield from _amount_faults(item.output, item.value, outputs, path=place, times=_SECOND)
+        members = _members(item.output, outputs)
+        wanted.append((item.output, members))
+        if item.output not in outputs:
+            continue
+        if outputs[item.output][0] in still and not item.output.endswith("surge.velocity"):
+            yield Fault((*place, "output"), f"{item.output} has no steady error; expected a position, gap or stroke")
+        elif not set(members) <= freedoms | weighted and not item.output.endswith("surge.velocity"):
+            yield Fault((*place, "output"), f"expected a freedom or an output with a weight in allowed: {item.output}")
+    yield from _twice(wanted, "already has an integral", path=(*path, "integral"))
+    count = sum(len(members) for _, members in wanted)
+    driven = {item.actuator for item in law.allowed if item.actuator}
+    steered = sum(len(members) for name, members in _driven(option, here, commands).items() if name in driven)
+    if count > steered > 0:
+        yield Fault(
+            (*path, "integral"), f"expected at most as many integrals as there are commands: {steered}, got {count}"
+        )
+
+
+def _driven(option: OptionRecord, here: Layout, commands: Commands) -> dict[str, tuple[str, ...]]:
+    """Names of actuators and windings, and the inputs each stands for."""
+    found = {actuator.name: tuple(one.name for one in place_element(actuator, here)) for actuator in option.actuators}
+    return found | {name: members for name, (_, members) in commands.items()}
+
+
 def _amount_faults(
     name: str, value: Quantity, outputs: Outputs, *, path: KeyPath, times: Dimensions = ()
 ) -> Iterator[Fault]:
@@ -157,24 +226,7 @@ def _amount_faults(
     if name not in outputs:
         yield Fault((*path, "output"), f'no output is called "{name}"{_near_output(name, outputs)}')
         return
-    yield from _unit_faults(name, value, _product(outputs[name][0], times), path=(*path, "value"), plain=bool(times))
-
-
-def _unit_faults(
-    name: str, value: Quantity, dimensions: Dimensions, *, path: KeyPath, plain: bool = False
-) -> Iterator[Fault]:
-    if value.dimensions == dimensions and (dimensions or plain or value.written == "angle"):
-        return
-    example = describe(dimensions) if dimensions else "an angle"
-    got = f'{describe(value.dimensions)}: "{value.text}"'
-    yield Fault(path, f"expected {example} with its unit for {name}, got {got}")
-
-
-def _product(first: Dimensions, second: Dimensions) -> Dimensions:
-    powers = dict(first)
-    for name, power in second:
-        powers[name] = powers.get(name, 0.0) + power
-    return tuple(sorted((name, power) for name, power in powers.items() if power))
+    yield from unit_faults(name, value, product(outputs[name][0], times), path=(*path, "value"), plain=bool(times))
 
 
 def _near_output(name: str, outputs: Mapping[str, object]) -> str:
@@ -198,6 +250,9 @@ def _noise_faults(option: OptionRecord, law: str, *, path: KeyPath) -> Iterator[
 
 def _hook_faults(option: OptionRecord, name: str, here: Layout, *, path: KeyPath) -> Iterator[Fault]:
     """A sensor of velocity, one measurement per actuator."""
+    if not option.actuators:
+        yield Fault(path[:-1], "expected at least one [[option.actuator]] for the law to drive", at_key=True)
+        return
     sensors: dict[str, SensorRecord] = {sensor.name: sensor for sensor in option.sensors}
     sensor = sensors.get(name)
     if sensor is None:
@@ -223,38 +278,34 @@ def _damping_faults(option: OptionRecord, law: HookedLaw, *, path: KeyPath) -> I
             yield Fault((*path, key), "expected a damping that is not negative")
 
 
-def _link_faults(option: OptionRecord, law: OutputFeedback, commands: Commands, *, path: KeyPath) -> Iterator[Fault]:
+def _link_faults(
+    option: OptionRecord, law: OutputFeedback, here: Layout, commands: Commands, *, path: KeyPath
+) -> Iterator[Fault]:
     sensors = {sensor.name for sensor in option.sensors}
-    driven = {actuator.name for actuator in option.actuators} | set(commands)
+    driven = _driven(option, here, commands)
     for index, (sensor, actuator) in enumerate(law.links):
         place: KeyPath = (*path, "links", index)
         if sensor not in sensors:
             yield Fault((*place, 0), f'no sensor is called "{sensor}"{near_match(sensor, sensors)}')
         if actuator not in driven:
             yield Fault((*place, 1), f'no actuator is called "{actuator}"{near_match(actuator, driven)}')
-    if law.links:
-        for deaf in sorted({a.name for a in option.actuators} - {actuator for _, actuator in law.links}):
-            yield Fault((*path, "links"), f'the actuator "{deaf}" sees no sensor')
-
-
-def _schedule_faults(law: Scheduled, *, path: KeyPath) -> Iterator[Fault]:
-    wanted = dimensions_of(_PARAMETERS[law.over])
-    for index, node in enumerate(law.nodes):
-        yield from _unit_faults(law.over, node, wanted, path=(*path, "nodes", index))
-    values = [node.value for node in law.nodes]
-    if any(b <= a for a, b in pairwise(values)):
-        yield Fault((*path, "nodes"), "expected rising values")
-    if law.fastest_change is not None:
-        per_second = _product(wanted, (("[time]", -1.0),))
-        yield from _unit_faults(
-            f"the change of {law.over}", law.fastest_change, per_second, path=(*path, "fastest_change")
-        )
+    if not law.links:
+        return
+    if law.order > 0:
+        told = "a law with states of its own passes every sensor on to every actuator; expected order = 0 with links"
+        yield Fault((*path, "order"), told)
+    reached = {member for _, actuator in law.links for member in driven.get(actuator, ())}
+    used = {item.actuator for item in law.allowed if item.actuator in driven} | {a.name for a in option.actuators}
+    for name in sorted(used):
+        if not set(driven[name]) <= reached:
+            yield Fault((*path, "links"), f'the actuator "{name}" sees no sensor')
 
 
 def _manoeuvre_faults(law: Predictive, here: Layout, *, path: KeyPath) -> Iterator[Fault]:
     turning = ("roll", "pitch", "yaw")
     freedoms = {f"{body}.{freedom}": freedom in turning for body, names in here.bodies for freedom in names}
     for key, units in (("start", ("m", "rad")), ("load", ("m/s^2", "rad/s^2"))):
+        seen: list[str] = []
         for index, item in enumerate(getattr(law, key)):
             place: KeyPath = (*path, key, index)
             if item.output not in freedoms:
@@ -262,21 +313,18 @@ def _manoeuvre_faults(law: Predictive, here: Layout, *, path: KeyPath) -> Iterat
                     (*place, "output"), f'no freedom is called "{item.output}"{near_match(item.output, freedoms)}'
                 )
                 continue
+            if item.output in seen:
+                yield Fault(place, f'"{item.output}" is named twice')
+            seen.append(item.output)
+            if key == "start" and item.output.endswith(".surge"):
+                told = "nothing depends on surge along a uniform guideway; expected another freedom"
+                yield Fault((*place, "output"), told)
             wanted = dimensions_of(units[freedoms[item.output]])
-            yield from _unit_faults(item.output, item.value, wanted, path=(*place, "value"))
-
-
-def _corner_faults(corners: Corners | None, *, path: KeyPath) -> Iterator[Fault]:
-    if corners is None:
-        return
-    values = [getattr(corners, key) for key in ("speed", "payload", "height", "gap", "magnetic_stiffness")]
-    if not any(values):
-        yield Fault(path, "expected at least one list of values: speed, payload, height, gap or magnetic_stiffness")
-    count = 1
-    for found in values:
-        count *= max(1, len(found))
-    if count > 32:
-        yield Fault(path, f"expected at most 32 combinations, got {count}")
+            yield from unit_faults(item.output, item.value, wanted, path=(*place, "value"))
+    if law.sampling_period > 0.0:
+        steps = law.duration / law.sampling_period
+        if law.duration > 0.0 and not 1.0 <= steps <= STEP_LIMIT:
+            yield Fault((*path, "duration"), f"expected 1 to {STEP_LIMIT} sampling periods, got {steps:.6g}")
 
 
 def _requirement_faults(law: MultiObjective, *, path: KeyPath) -> Iterator[Fault]:

@@ -57,7 +57,7 @@ def control_law(scenario: Scenario, option: OptionRecord) -> ControlLaw | None:
     placed = {sensor.name: tuple(place.name for place in place_sensor(sensor, here)) for sensor in option.sensors}
     density = {sensor.name: sensor.noise or 0.0 for sensor in option.sensors}
     outputs = {name: members for name, (_, members) in outputs_of(option, here).items()}
-    used = _used(record, driven)
+    used = _used(record, option, driven)
     weights = record.allowed if isinstance(record, WEIGHTED) else ()
     return ControlLaw(
         record=record,
@@ -75,10 +75,10 @@ def control_law(scenario: Scenario, option: OptionRecord) -> ControlLaw | None:
     )
 
 
-def _used(record: ControlRecord, driven: Mapping[str, tuple[str, ...]]) -> Iterable[str]:
+def _used(record: ControlRecord, option: OptionRecord, driven: Mapping[str, tuple[str, ...]]) -> Iterable[str]:
     """Actuators of the option; electromagnets only where a weight names them."""
     if isinstance(record, SkyHook | HookedLaw):
-        return driven
+        return tuple(actuator.name for actuator in option.actuators)
     named = [item.actuator for item in record.allowed if item.actuator is not None]
     return [name for name in driven if name in named]
 

@@ -24,6 +24,7 @@ from maglev_ctrl.scenario.guideway_schema import (
     Polygon,
 )
 from maglev_ctrl.scenario.layout import Layout
+from maglev_ctrl.scenario.operating_points import values_named
 from maglev_ctrl.scenario.periodic_sources import reach
 from maglev_ctrl.scenario.problems import Fault, KeyPath
 from maglev_ctrl.scenario.scenario_schema import Scenario
@@ -126,9 +127,10 @@ def domain_of(scenario: Scenario, here: Layout) -> Domain:
 
 
 def study_domain(scenario: Scenario, *, has_gap: bool) -> Domain:
-    """Heights, gaps and speeds a study meets at its design point and in its sweeps, with a margin."""
+    """Heights, gaps and speeds of a study's design point, sweeps, corners and schedules, with a margin."""
     operating, sweep = scenario.operating, scenario.operating.sweep
-    heights, speeds = [operating.height], [operating.speed]
+    heights = [operating.height, *values_named(scenario, "height")]
+    speeds = [operating.speed, *values_named(scenario, "speed")]
     upright, sideways = reach(scenario.periodic)
     if sweep.height is not None:
         heights += [sweep.height.first, sweep.height.last]
@@ -139,7 +141,8 @@ def study_domain(scenario: Scenario, *, has_gap: bool) -> Domain:
             speeds += [one.first, one.last]
     gap = None
     if has_gap and operating.gap is not None:
-        gaps = [operating.gap] if sweep.gap is None else [operating.gap, sweep.gap.first, sweep.gap.last]
+        gaps = [operating.gap, *values_named(scenario, "gap")]
+        gaps += [] if sweep.gap is None else [sweep.gap.first, sweep.gap.last]
         offsets = [abs(operating.lateral_offset)]
         if sweep.lateral_offset is not None:
             offsets += [abs(sweep.lateral_offset.first), abs(sweep.lateral_offset.last)]

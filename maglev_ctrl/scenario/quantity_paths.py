@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final, Literal, get_args, get_origin
 
+from maglev_ctrl.scenario.control_schema import Predictive, Scheduled
 from maglev_ctrl.scenario.guideway_schema import EddyCurrentForces
 from maglev_ctrl.scenario.problems import KeyPath, key_text, near_match
 from maglev_ctrl.scenario.reader import raw_data, with_values
@@ -33,6 +34,10 @@ SITUATION: Final = (SPEED, "height", "gap", "lateral_offset", "payload")
 
 _IDLE = (("format",), ("sources",), ("requirement",), ("operating", "sweep"), ("periodic", "map"))
 """Parts of a file that change no motion."""
+_SEARCHES = ("time_limit", "starts", "seed")
+_SHOWN = ("sampling_period", "fastest_change")
+_OF_MPC = ("horizon", "limit", "start", "load", "duration")
+"""Keys of [option.control] that change no loop a map shows."""
 _OF_SOURCES = (("periodic", "source_harmonics"), ("periodic", "magnet_length"))
 _OF_PATTERN = (("periodic", "wavelength"), ("periodic", "depth"), ("periodic", "harmonics"))
 """Parts of [periodic] that only one of the two ways of writing it has."""
@@ -129,7 +134,8 @@ def scenario_quantities(scenario: Scenario) -> tuple[ScenarioQuantity, ...]:
     >>> found["option.windings.spring_damper.winding.damping"].value, found["vehicle.secondary.stiffness"].unit
     (10000.0, 'N/m')
     """
-    return (*_running(scenario), *(q for q in _inside(scenario, scenario) if q.name not in _ALIASES))
+    inside = (q for q in _inside(scenario, scenario) if q.name not in _ALIASES)
+    return (*_running(scenario), *(quantity for quantity in inside if not _fixed(scenario, quantity.path)))
 
 
 def find_quantity(scenario: Scenario, name: str) -> ScenarioQuantity:
@@ -137,19 +143,46 @@ def find_quantity(scenario: Scenario, name: str) -> ScenarioQuantity:
 
     Raises
     ------
-    ValueError : there is none of this name, or it would change forces that take long to solve
+    ValueError : there is none of this name, it changes no motion, or it would change forces that take long to solve
     """
     known = {quantity.name: quantity for quantity in scenario_quantities(scenario)}
     found = known.get(_ALIASES.get(name, name))
     if found is None:
         if name in _ABSENT:
             raise ValueError(f"{name}: there is none in this scenario: {_ABSENT[name]}")
+        reason = next((_fixed(scenario, one.path) for one in _inside(scenario, scenario) if one.name == name), "")
+        if reason:
+            raise ValueError(f"{name}: {reason}")
         raise ValueError(f'unknown quantity "{name}"{_near(name, known)}; --list-quantities shows them all')
     if found.path[:1] == ("forces",) and isinstance(scenario.forces, EddyCurrentForces):
         raise ValueError(
             f"{name}: eddy-current forces would have to be solved anew at every value; vary a quantity outside [forces]"
         )
     return found
+
+
+def _fixed(scenario: Scenario, path: KeyPath) -> str:
+    """Why a value of an option cannot be varied along a map; '' where it can."""
+    if path[:1] != ("option",) or len(path) < 4:
+        return ""
+    option, part, key = scenario.options[int(path[1])], path[2], path[3]
+    if part == "damping_budget":
+        return "a damping budget is not chosen anew along a map; vary the damping of an option without one"
+    if part == "spring_damper" and path[-1] in ("damping", "lag") and option.damping_budget is not None:
+        return "the option's damping_budget chooses the damping; vary it in an option without one"
+    if part != "control" or option.control is None:
+        return ""
+    if key in _SEARCHES:
+        return "it only says how long and from where the law is searched for"
+    if key in _SHOWN:
+        return "it changes nothing of the continuous law a map shows"
+    if option.control.law == "h2" and key == "back_off":
+        return "an H2 law has no gamma to back off from"
+    if isinstance(option.control, Predictive) and key in _OF_MPC:
+        return "a map shows predictive control where no limit is active, and this changes nothing there"
+    if isinstance(option.control, Scheduled) and key == "nodes":
+        return "the nodes of a schedule have to rise and belong together; vary speed, height, gap or payload instead"
+    return ""
 
 
 def with_quantity(scenario: Scenario, values: tuple[tuple[ScenarioQuantity, float], ...]) -> Scenario:

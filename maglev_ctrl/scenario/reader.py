@@ -19,6 +19,7 @@ from pydantic import BaseModel, ValidationError
 from maglev_ctrl.errors import ModelError, OutOfDomain
 from maglev_ctrl.scenario.build import build_option, build_vehicle
 from maglev_ctrl.scenario.checks import faults_in, table_faults
+from maglev_ctrl.scenario.checks_points import domain_faults
 from maglev_ctrl.scenario.control_schema import HookedLaw
 from maglev_ctrl.scenario.force_schema import TableForces
 from maglev_ctrl.scenario.force_table import SIZE_LIMIT as TABLE_LIMIT
@@ -144,6 +145,7 @@ def _build_faults(scenario: Scenario) -> Iterator[Fault]:
         except ValueError as error:
             yield Fault(("option", index), str(error))
             continue
+        yield from domain_faults(scenario, option, vehicle, path=("option", index))
         if isinstance(option.control, HookedLaw):
             from maglev_ctrl.scenario.hooks import hooked_dampers
 

@@ -144,14 +144,18 @@ class Unit:
 class _AnyUnit:
     """Annotation of a quantity whose dimension depends on another field; the cross-checks decide."""
 
+    bound: Bound = "positive"
+
     def _validate(self, value: object) -> Quantity:
         try:
             if not isinstance(value, str):
                 shown = f"the bare number {value:g}" if isinstance(value, int | float) else _kind_of(value)
                 raise ValueError(f'expected a number with its unit, for example "0.5 m/s^2", got {shown}')
             quantity = read_quantity(value, expected='a number with its unit, for example "0.5 m/s^2"')
-            if quantity.value <= 0.0:
+            if self.bound == "positive" and quantity.value <= 0.0:
                 raise ValueError(f'expected a value above zero, got "{value}"')
+            if self.bound == "nonnegative" and quantity.value < 0.0:
+                raise ValueError(f'expected a value of zero or more, got "{value}"')
             return quantity
         except ValueError as error:
             raise PydanticCustomError("quantity", "{reason}", {"reason": str(error)}) from None
@@ -165,7 +169,11 @@ class _AnyUnit:
     def __get_pydantic_json_schema__(
         self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> dict[str, Any]:
-        return {"type": "string", "examples": ["0.5 m/s^2", "20 mm", "20 kN"], "x-dimension": "that of the output"}
+        return {
+            "type": "string",
+            "examples": ["0.5 m/s^2", "20 mm", "20 kN"],
+            "x-dimension": "that of what it belongs to",
+        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -411,6 +419,7 @@ Inductance = Annotated[float, _INDUCTANCE]
 FluxDensity = Annotated[float, _FLUX_DENSITY]
 CurrentNoise = Annotated[float, _CURRENT_NOISE]
 AnyQuantity = Annotated[Quantity, _AnyUnit()]
+NonnegativeQuantity = Annotated[Quantity, _AnyUnit("nonnegative")]
 Ratio = Annotated[float, _Plain()]
 PositiveRatio = Annotated[float, _Plain("positive")]
 NonnegativeRatio = Annotated[float, _Plain("nonnegative")]

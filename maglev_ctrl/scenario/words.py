@@ -7,6 +7,8 @@ from typing import assert_never
 
 from maglev_ctrl.scenario.control_schema import (
     ControlRecord,
+    Corners,
+    DampingBudget,
     HookedLaw,
     Lqg,
     Lqi,
@@ -32,9 +34,10 @@ def describe_option(scenario: Scenario, option: OptionRecord) -> tuple[str, ...]
     """The option's elements and law, one line each; a single line for an option without any."""
     here = layout(scenario.vehicle)
     lines = [
-        *(_spring(spring, here) for spring in option.spring_dampers),
+        *(_spring(spring, here, chosen=option.damping_budget is not None) for spring in option.spring_dampers),
         *(_actuator(actuator, here) for actuator in option.actuators),
         *(_sensor(sensor, here) for sensor in option.sensors),
+        *([_budget(option.damping_budget)] if option.damping_budget is not None else []),
         *([_law(option.control)] if option.control is not None else []),
     ]
     return tuple(lines) or ("nothing added to the bare vehicle",)
@@ -44,11 +47,13 @@ def _times(count: int) -> str:
     return "" if count == 1 else f"{count} x "
 
 
-def _spring(spring: SpringDamperRecord, here: Layout) -> str:
+def _spring(spring: SpringDamperRecord, here: Layout, *, chosen: bool) -> str:
     parts = []
     if spring.stiffness:
         parts.append(f"{spring.stiffness / 1e3:g} kN/m")
-    if spring.damping:
+    if chosen:
+        parts.append("damping to be chosen")
+    elif spring.damping:
         parts.append(f"{spring.damping / 1e3:g} kN s/m")
     if spring.lag:
         parts.append(f"lag {spring.lag * 1e3:g} ms")
@@ -75,6 +80,19 @@ def _sensor(sensor: SensorRecord, here: Layout) -> str:
     return f"{_times(len(places))}{sensor.kind} sensor {sensor.name} on {on}"
 
 
+def _budget(budget: DampingBudget) -> str:
+    parts = [f"damping chosen: the cheapest proved to decay at {budget.choose:g} 1/s"]
+    if budget.costs:
+        parts.append(f"prices {' : '.join(f'{cost:g}' for cost in budget.costs)}")
+    if budget.largest is not None:
+        parts.append(f"at most {budget.largest / 1e3:g} kN s/m at one place")
+    return ", ".join(parts) + _at_corners(budget.corners)
+
+
+def _at_corners(corners: Corners | None) -> str:
+    return "" if corners is None else ", at every corner"
+
+
 def _law(law: ControlRecord) -> str:
     match law:
         case SkyHook():
@@ -91,16 +109,20 @@ def _law(law: ControlRecord) -> str:
         case Lqg():
             name = f"LQG, disturbance {law.disturbance:g} m/s^2 per sqrt(Hz)"
         case RiccatiLaw():
-            name = f"{'H2' if law.law == 'h2' else 'H-infinity'} feedback of the {law.feedback}"
+            rough = ", rough guideway" if law.guideway is not None else ""
+            name = f"{'H2' if law.law == 'h2' else 'H-infinity'} feedback of the {law.feedback}{rough}"
         case MultiObjective():
             name = f"multi-objective LMI, {_objective(law.objective)}{_bounds(law)}"
         case OutputFeedback():
             kind = "constant gains" if law.order == 0 else f"a law of order {law.order}"
-            name = f"output feedback, {kind}, {_objective(law.objective)}"
+            pairs = "".join(f", {sensor} to {actuator}" for sensor, actuator in law.links)
+            name = f"output feedback, {kind}{pairs}, {_objective(law.objective)}{_at_corners(law.corners)}"
         case Scheduled():
-            name = f"gains scheduled over {law.over}, {law.method}, {len(law.nodes)} nodes"
+            ends = f"{law.nodes[0].text} to {law.nodes[-1].text}"
+            name = f"gains scheduled over {law.over}, {law.method}, {len(law.nodes)} nodes from {ends}"
         case Predictive():
-            name = f"predictive control, {law.horizon} steps of {law.sampling_period * 1e3:g} ms"
+            within = "".join(f", {limit.output} within {limit.value.text}" for limit in law.limits)
+            name = f"predictive control, {law.horizon} steps of {law.sampling_period * 1e3:g} ms{within}"
         case _ as never:
             assert_never(never)
     weights = ", ".join(f"{item.output or item.actuator} {item.value.text}" for item in law.allowed)
@@ -122,4 +144,7 @@ def _bounds(law: MultiObjective) -> str:
         ("poles within {:g} 1/s", law.fastest), ("gain below {:g}", law.gain_below),
     ]  # fmt: skip
     words = "".join(f", {text.format(value)}" for text, value in given if value is not None)
-    return f"{words}, at every corner" if law.corners is not None else words
+    if law.corners is None:
+        return words
+    matrices = "one Lyapunov matrix" if law.lyapunov == "common" else "a Lyapunov matrix for each"
+    return f"{words}, at every corner, {matrices}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from maglev_ctrl.errors import OutOfDomain
 from maglev_ctrl.scenario import OptionRecord, Scenario, build_option, build_vehicle
 from maglev_ctrl.systems import Controller, SecondOrderSystem, close_loop
 from maglev_ctrl.systems.scheduled import ScheduledController
@@ -63,7 +64,10 @@ class OptionModel:
         if controller is None or self.schedule is None:
             return controller
         value: float | None = getattr(situation, self.schedule.parameter)
-        return self.schedule.at(self.scenario.vehicle.car.payload if value is None else value)
+        try:
+            return self.schedule.at(self.scenario.vehicle.car.payload if value is None else value)
+        except ValueError as fault:
+            raise OutOfDomain(f"the law is not scheduled there: {fault}") from None
 
     def vehicle(self, payload: float | None = None) -> Vehicle:
         """The vehicle with the option's elements, at a payload (kg; None = the scenario's)."""

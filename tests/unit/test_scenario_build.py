@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from maglev_ctrl.scenario import Scenario, build_option, build_vehicle, control_law, describe_option, load
+from maglev_ctrl.scenario.control_schema import SkyHook
 from maglev_ctrl.vehicle import OperatingPoint, Vehicle, linearize
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -136,9 +137,10 @@ def test_every_option_grows_and_linearizes_with_the_names_its_law_uses(train: Sc
             continue
         assert set(law.actuators) == set(system.inputs)
         assert {name for name, _ in law.output_weights} <= set(system.outputs)
-        assert {*law.sensors, *law.velocities} <= set(system.outputs)
-        if law.law == "sky_hook":
-            assert len(law.velocities) == len(law.actuators)
+        assert set(law.sensors) <= set(system.outputs)
+        if isinstance(law.record, SkyHook):
+            assert len(law.placed(law.record.sensor)) == len(law.actuators)
+            assert set(law.placed(law.record.sensor)) <= set(law.sensors)
 
 
 def test_names_of_one_per_bogie(train: Scenario) -> None:
