@@ -120,6 +120,19 @@ def test_a_limit_on_a_second_norm_is_kept_and_proved():
     assert bound.claims[-1].rate == wanted
 
 
+@pytest.mark.parametrize("other", ["h2", "h_infinity"])
+def test_a_norm_within_a_limit_that_binds(other):
+    plant = oscillator(price=0.2)
+    objective = "h_infinity" if other == "h2" else "h2"
+    structure = Structure.full(plant)
+    best = structured_design([plant], structure, objective=other, starts=4).require().performance[0].recomputed
+    free = structured_design([plant], structure, objective=objective, starts=4).require()
+    level = 1.02 * best
+    bound = structured_design([plant], structure, objective=objective, limits=[Limit(other, level)], starts=4).require()
+    assert 0.999 * level <= bound.performance[1].recomputed <= level
+    assert bound.performance[0].recomputed > free.performance[0].recomputed
+
+
 def test_damping_ratio_is_raised_and_its_sector_proved():
     plant = two_magnets()
     structure = Structure.readings(plant, {"m1": ("g1", "v1"), "m2": ("g2", "v2")})

@@ -16,6 +16,8 @@ from maglev_ctrl.synthesis.structured.structure import Structure
 from maglev_ctrl.systems.plant import Plant
 
 Quantity = Literal["decay_rate", "damping_ratio", "h2", "h_infinity"]
+MARGIN = 1e-4
+"""Share by which the search stays inside a limit, so that the limit itself can be proved."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,16 +141,18 @@ class Objective:
         return [Piece(p.value + added, p.gradient + slope) for p in found if p.value >= top_value - closeness]
 
     def excess(self, t: FloatArray) -> float:
-        """Largest excess over the limits; 0 where all are kept."""
+        """Largest excess over the limits; 0 where all are kept with half the margin that the search aims at."""
         worst = 0.0
         for limit in self.limits:
-            worst = max(worst, self.about(limit.quantity).value(t)[0] - self._level(limit))
+            worst = max(worst, self.about(limit.quantity).value(t)[0] - self._level(limit, margin=0.5 * MARGIN))
         return worst
 
-    def _level(self, limit: Limit) -> float:
+    def _level(self, limit: Limit, *, margin: float = MARGIN) -> float:
         if limit.quantity == "decay_rate":
-            return -limit.level / self.rate
-        return -limit.level if limit.quantity == "damping_ratio" else float(np.log(limit.level))
+            return -limit.level * (1.0 + margin) / self.rate
+        if limit.quantity == "damping_ratio":
+            return -limit.level * (1.0 + margin)
+        return float(np.log(limit.level)) - margin
 
     def _measure(
         self, quantity: Quantity, loop: Closed, poles: ComplexArray, k: int, closeness: float, ceiling: float
