@@ -284,6 +284,8 @@ def test_a_command_without_limits():
 
 
 def test_a_run_can_be_repeated(full):
+    record = PredictiveController(full).step([0.1, 0.0])
+    assert not any(array.flags.writeable for array in (record.command, record.moves, record.states, record.estimate))
     first, second = (simulate_predictive(full, [0.9, 10.0], steps=15) for _ in range(2))
     assert np.array_equal(first.u, second.u)
 

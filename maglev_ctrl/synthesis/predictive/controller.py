@@ -157,7 +157,7 @@ class PredictiveController:
             self._estimate = self.design.estimator.update(self._estimate, self._checked(measured), self._last)
 
     def _checked(self, measured: ArrayLike) -> FloatArray:
-        y, count = np.asarray(measured, dtype=float), len(self.design.problem.plant.measured)
+        y, count = np.array(measured, dtype=float), len(self.design.problem.plant.measured)
         if y.shape != (count,) or not np.isfinite(y).all():
             raise ValueError(f"measured: expected {count} finite numbers, got {measured!r}")
         return y
@@ -227,6 +227,7 @@ class PredictiveController:
             worst = np.max(plan.broken, axis=0)
             broken = {name: float(worst[i]) for i, name in enumerate(soft) if worst[i] > 0.0}
         path, residual, iterations, message = evidence
+        absolute, states, estimate = _kept(absolute), _kept(states), _kept(estimate.copy())
         return MoveRecord(
             command=absolute[0], moves=absolute, states=states, estimate=estimate, path=path, status=Status.SOLVED,
             active=_named(problem.plant.commands, above[0], below[0]),
@@ -239,7 +240,7 @@ class PredictiveController:
     ) -> MoveRecord:  # fmt: skip
         self._active = None
         problem = self.design.problem
-        command = saturated(self.design, now)
+        command, estimate = _kept(saturated(self.design, now)), _kept(estimate.copy())
         return MoveRecord(
             command=command, moves=np.zeros((0, command.size)), states=np.zeros((0, state.size)), estimate=estimate,
             path="fallback", status=why[0],
@@ -309,6 +310,11 @@ def _nearest_target(
         return None
     command = np.clip(exact[1] + found.x[n:] * unit, problem.command_lower, problem.command_upper)
     return exact[0] + found.x[:n], command
+
+
+def _kept(array: FloatArray) -> FloatArray:
+    array.flags.writeable = False
+    return array
 
 
 def _named(commands: tuple[str, ...], above: NDArray[np.bool_], below: NDArray[np.bool_]) -> tuple[str, ...]:

@@ -295,7 +295,8 @@ class _Rows:
         A = sparse.csc_matrix(sparse.vstack([block for _, block, _ in self.blocks]).multiply(units[None, :]))
         moving = {key: sparse.csr_matrix(np.vstack(parts)) for key, parts in self.moving.items()}
         return SparseProgram(
-            P=P, q=read_only(q, name="q"), A=A, lower=np.concatenate(self.lower), upper=np.concatenate(self.upper),
+            P=P, q=read_only(q, name="q"), A=A, lower=read_only_any(np.concatenate(self.lower)),
+            upper=read_only_any(np.concatenate(self.upper)),
             by_state=moving["x0"], by_command=moving["command"], by_output=moving["output"], by_last=moving["last"],
             terminal=terminal, units=read_only(units, name="units"), names=tuple(self.names), sizes=sizes,
         )  # fmt: skip
