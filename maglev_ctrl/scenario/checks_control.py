@@ -141,12 +141,14 @@ def _weight_faults(
         place: KeyPath = (*path, "allowed", index)
         named.append((item.output or item.actuator or "", ()))
         if (item.output is None) == (item.actuator is None):
+            weighted |= {item.actuator or ""}
             yield Fault(place, "expected exactly one of output and actuator")
             continue
         name = item.output or item.actuator or ""
         if item.actuator is not None:
             weighted.add(item.actuator)
             if item.actuator not in driven:
+                weighted |= set(driven)  # which one was meant is not known
                 yield Fault((*place, "actuator"), f'no actuator is called "{name}"{near_match(name, driven)}')
                 continue
             dimensions = driven[item.actuator]
@@ -335,7 +337,7 @@ def _requirement_faults(law: MultiObjective, *, path: KeyPath) -> Iterator[Fault
         value = getattr(law, key)
         if value is not None and value <= 0.0:
             yield Fault((*path, key), "expected a rate above zero")
-    if law.decay_rate is not None and law.fastest is not None and law.decay_rate >= law.fastest:
+    if law.decay_rate is not None and law.fastest is not None and law.decay_rate >= law.fastest > 0.0:
         yield Fault(
             (*path, "decay_rate"),
             f"a decay of {law.decay_rate:g} 1/s and no pole beyond {law.fastest:g} 1/s contradict each other",
