@@ -28,7 +28,7 @@ HELP = """usage: python3 dev.py VERB [ARGUMENTS]
   docs                      build the documentation site into docs/_build/html
   bench [NAME]              run the benchmarks
   setup                     only set up
-  report | check | new ...  everything else is the maglev-ctrl command:
+  report | design ...       everything else is the maglev-ctrl command:
                             python3 dev.py report scenarios/compare/eds_135t.toml
 """
 
