@@ -263,12 +263,13 @@ def _inside(scenario: Scenario, record: Record, names: KeyPath = (), path: KeyPa
         elif isinstance(value, tuple) and value and isinstance(value[0], Record):
             for index, item in enumerate(value):
                 yield from _inside(scenario, item, (*here, getattr(item, "name", None) or index), (*place, index))
+        elif isinstance(value, tuple) and value and isinstance(value[0], Quantity):
+            for index, item in enumerate(value):
+                yield _measured(item, (*here, index), (*place, index))
         elif isinstance(value, tuple):
             yield from _listed(_raw(scenario, place), _unit_in(info), here, place)
         elif isinstance(value, Quantity):
-            unit = _unit_of(value.dimensions, angle=value.written == "angle")
-            kind = Unit("a value", unit, f"{value.value:g} {unit}", "positive")
-            yield ScenarioQuantity(_name(here), _words(here), unit, value.value, place, kind)
+            yield _measured(value, here, place)
         elif not isinstance(value, bool | str):
             reads = _unit_in(info)
             if reads is not None or isinstance(value, int | float):
@@ -278,6 +279,13 @@ def _inside(scenario: Scenario, record: Record, names: KeyPath = (), path: KeyPa
                 )
                 unit = "" if reads is None else reads.unit
                 yield ScenarioQuantity(_name(here), _words(here), unit, number, place, reads, whole)
+
+
+def _measured(value: Quantity, names: KeyPath, path: KeyPath) -> ScenarioQuantity:
+    """A value whose dimension another field decides."""
+    unit = _unit_of(value.dimensions, angle=value.written == "angle")
+    kind = Unit("a value", unit, f"{value.value:g} {unit}", "positive")
+    return ScenarioQuantity(_name(names), _words(names), unit, value.value, path, kind)
 
 
 def _listed(raw: object, kind: Unit | None, names: KeyPath, path: KeyPath) -> Iterator[ScenarioQuantity]:

@@ -20,7 +20,9 @@ from maglev_ctrl.scenario.reader import with_values
 SmallScenario = Callable[..., Scenario]
 ALL = (
     "scenarios/compare/eds_135t.toml", "scenarios/paper/double_l.toml", "scenarios/paper/six_dof.toml",
-    "scenarios/periodic/girder_passing.toml",
+    "scenarios/periodic/girder_passing.toml", *(f"scenarios/design/{name}.toml" for name in (
+        "damping_budget", "lqr_primary", "mpc_stroke", "polytopic_speed",
+    )),
 )  # fmt: skip
 
 
@@ -85,6 +87,50 @@ def test_unknown_names(small_scenario: SmallScenario, name: str, said: str) -> N
     with pytest.raises(ValueError) as caught:
         find_quantity(small_scenario(), name)
     assert said in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_what_of_a_law_may_be_varied() -> None:
+    found = {
+        quantity.name.removeprefix("option.").removeprefix(option)
+        for file, option in (
+            ("d_region", "region"), ("hinf_secondary", "h_infinity"), ("lqr_primary", "lqi"), ("mpc_stroke", "mpc"),
+            ("polytopic_speed", "common"), ("scheduled_speed", "interpolated"), ("sky_hook", "best_gains"),
+        )
+        for quantity in scenario_quantities(load(f"scenarios/design/{file}.toml"))
+        if quantity.of_law and quantity.name.startswith(f"option.{option}.")
+    }  # fmt: skip
+    parts = {name.removeprefix(".control.").partition("[")[0] for name in found}
+    assert parts >= {
+        "allowed", "disturbance", "decay_rate", "damping_ratio", "fastest", "guideway", "back_off", "integral",
+        "corners.speed", "corners.payload", "corners.magnetic_stiffness", "order",
+    }  # fmt: skip
+    assert not parts & {
+        "time_limit", "starts", "seed", "sampling_period", "horizon", "limit", "start", "duration", "nodes",
+        "fastest_change", "cross_check", "law",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("file", "name", "said"),
+    [
+        ("sky_hook", "option.best_gains.control.seed", "it only says how long and from where the law is searched for"),
+        ("sky_hook", "option.best_gains.control.time_limit", "how long and from where the law is searched for"),
+        ("lqr_primary", "option.lqr.control.sampling_period", "it changes nothing of the continuous law a map shows"),
+        ("mpc_stroke", "option.mpc.control.horizon", "a map shows predictive control where no limit is active"),
+        ("mpc_stroke", "option.mpc.control.limit[0].value", "a map shows predictive control where no limit is active"),
+        ("hinf_secondary", "option.h2.control.back_off", "an H2 law has no gamma to back off from"),
+        ("damping_budget", "option.dampers.damping_budget.choose", "a damping budget is not chosen anew along a map"),
+        ("damping_budget", "option.dampers.damping_budget.costs[1]", "a damping budget is not chosen anew along a map"),
+        ("damping_budget", "option.dampers.spring_damper.primary_damper.damping", "damping_budget chooses the damping"),
+        ("scheduled_speed", "option.interpolated.control.nodes[0]", "the nodes of a schedule have to rise"),
+    ],
+)
+def test_what_changes_no_motion_is_refused_in_a_sentence(file: str, name: str, said: str) -> None:
+    scenario = load(f"scenarios/design/{file}.toml")
+    with pytest.raises(ValueError) as caught:
+        find_quantity(scenario, name)
+    assert str(caught.value).startswith(f"{name}: ") and said in str(caught.value)
+    assert name not in {quantity.name for quantity in scenario_quantities(scenario)}
 
 
 def test_no_gain_without_a_law() -> None:

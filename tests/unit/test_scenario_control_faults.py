@@ -356,3 +356,42 @@ def test_windings_weighed_twice(tmp_path: Path) -> None:
     assert len(lines) == 1 and '"magnet_2.voltage" already has a weight by "magnet"' in lines[0]
     file.write_text(text.replace('value = "50 V"', 'value = "50 A"', 1))
     assert "expected a voltage with its unit for magnet" in faults(file)[0]
+
+
+def hovering(tmp_path: Path, law: str) -> Path:
+    """The section under its guideway, electromagnets and no actuator, with another law in its first option."""
+    text = (ROOT / "scenarios/design/ems_hover.toml").read_text(encoding="utf-8")
+    start = text.index("[option.control]")
+    file = tmp_path / "hovering.toml"
+    file.write_text(text[:start] + law + text[text.index("[[option]]", start) :], encoding="utf-8")
+    return file
+
+
+@pytest.mark.parametrize(
+    "law", ['law = "sky_hook"\ndamping = "1 kN*s/m"\nsensor = "v"', 'law = "damping"\nsky = "1 N*s/m"']
+)
+def test_electromagnets_are_no_dampers(tmp_path: Path, law: str) -> None:
+    lines = faults(hovering(tmp_path, f"[option.control]\n{law}\n"))
+    assert len(lines) == 1
+    assert "option[1].control: expected at least one [[option.actuator]] for the law to drive" in lines[0]
+
+
+def test_a_law_without_a_weighted_winding(tmp_path: Path) -> None:
+    law = '[option.control]\nlaw = "lqr"\nallowed = [\n{ output = "magnet_gap", value = "2 mm" },\n'
+    lines = faults(hovering(tmp_path, law + '{ output = "car.heave", value = "2 mm" },\n]\n'))
+    assert len(lines) == 1 and "expected at least one { actuator = ..., value = ... }, out of magnet, " in lines[0]
+
+
+def test_an_actuator_that_sees_no_sensor(write: Write) -> None:
+    second = '[[option.actuator]]\nname = "spare"\nbetween = ["car", "front"]\n[[option.sensor]]'
+    weight = SECOND + '\n  { actuator = "spare", value = "1 kN" },'
+    lines = faults(write("output_feedback", ("[[option.sensor]]", second), (SECOND, weight)))
+    assert len(lines) == 1 and f'{CONTROL}.links: the actuator "spare" sees no sensor' in lines[0]
+    linked = ('["stroke", "cylinder"]]', '["stroke", "cylinder"], ["track", "spare"]]')
+    assert load(write("output_feedback", ("[[option.sensor]]", second), (SECOND, weight), linked)).options
+
+
+def test_nothing_begins_displaced_along_the_guideway(write: Write) -> None:
+    surge = ('freedom = ["heave", "pitch"]', 'freedom = ["surge", "heave", "pitch"]')
+    lines = faults(write("mpc", surge, (START, '[{ output = "car.surge", value = "1 m" }]')))
+    assert len(lines) == 1 and f"{CONTROL}.start[0].output: nothing depends on surge" in lines[0]
