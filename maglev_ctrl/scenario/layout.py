@@ -212,8 +212,11 @@ def outputs_of(option: OptionRecord, here: Layout) -> dict[str, tuple[Dimensions
     groups = {"secondary": here.springs} if here.springs else {}
     groups |= {e.name: tuple(p.name for p in place_element(e, here)) for e in option.spring_dampers}
     groups |= {e.name: tuple(p.name for p in place_element(e, here)) for e in option.actuators}
+    ideal = {e.name for e in option.actuators if e.bandwidth is None}  # their force is the command itself
     for group, members in groups.items():
-        for ending, dimensions in (("stroke", length), ("stroke.velocity", speed), ("force", force)):
+        endings = [("stroke", length), ("stroke.velocity", speed)]
+        endings += [] if group in ideal else [("force", force)]
+        for ending, dimensions in endings:
             for name, meant in ((group, members), *((member, (member,)) for member in members)):
                 known[f"{name}.{ending}"] = (dimensions, tuple(f"{one}.{ending}" for one in meant))
     for sensor in option.sensors:

@@ -13,6 +13,7 @@ from control_texts import LAWS, ROOT, edited
 from maglev_ctrl.errors import OutOfDomain
 from maglev_ctrl.scenario import Scenario, control_law, describe_option, load
 from maglev_ctrl.scenario.control_schema import HookedLaw, Lqi, Predictive, Scheduled, SkyHook
+from maglev_ctrl.scenario.layout import layout, outputs_of
 from maglev_ctrl.study.situation import OptionModel, Situation
 from maglev_ctrl.systems import Controller
 from maglev_ctrl.systems.scheduled import ScheduledController
@@ -86,6 +87,19 @@ def test_windings_are_driven_where_a_weight_names_them(tmp_path: Path) -> None:
     law = control_law(scenario, scenario.options[1])
     assert law is not None
     assert law.actuators == ("magnet_1.voltage",) and law.input_weights == (("magnet_1.voltage", 50.0),)
+
+
+@pytest.mark.parametrize("bandwidth", ["", 'bandwidth = "20 Hz"\n'])
+def test_every_output_that_may_be_named_is_one_of_the_model(write: Write, bandwidth: str) -> None:
+    """The force of an actuator without a lag is the command itself, and no output."""
+    scenario = load(
+        write("lqr", ('delay = "2 ms"\n[[option.sensor]]', f'delay = "2 ms"\n{bandwidth}[[option.sensor]]'))
+    )
+    option = scenario.options[1]
+    named = {name for _, names in outputs_of(option, layout(scenario.vehicle)).values() for name in names}
+    known = OptionModel(scenario, option).plant(Situation.of_design(scenario), pade_order=0).outputs
+    assert named <= set(known)
+    assert ("cylinder_front.force" in named) == bool(bandwidth)
 
 
 def test_values_are_in_si(write: Write) -> None:

@@ -160,6 +160,8 @@ CASES: list[tuple[str, str, str, str, str, list[str]]] = [
     ("scheduled", 'over = "speed"', 'over = "spede"', "spede", f"{CONTROL}.over", ['did you mean "speed"?']),
     # predictive control
     ("mpc", LIMIT, '[{ output = "strok", value = "40 mm" }]', "strok", f"{CONTROL}.limit[0].output", ['"stroke"?']),
+    ("mpc", LIMIT, '[{ output = "cylinder.force", value = "1 kN" }]', "cylinder.force", f"{CONTROL}.limit[0].output",
+     ['no output is called "cylinder.force"']),
     ("mpc", LIMIT, '[{ output = "stroke", value = "40 kN" }]', "40 kN", f"{CONTROL}.limit[0].value",
      ["expected a length", "for stroke", "got a force"]),
     ("mpc", LIMIT, '[{ output = "stroke", value = "4 mm" }, { output = "stroke_rear", value = "5 mm" }]', "stroke_rear",
