@@ -57,10 +57,11 @@ def design(
     try:
         with progress(read.name) as tell:
             study = survey_design(read, chosen, jobs=jobs, progress=tell)
+            tell("writing the page and the files", 1.0)
 
-        from maglev_ctrl.report.design import write_design
+            from maglev_ctrl.report.design import write_design
 
-        paths = write_design(study, folder)
+            paths = write_design(study, folder)
     except KeyboardInterrupt:
         raise Stopped() from None
     try:
@@ -149,17 +150,21 @@ def _print(study: DesignStudy) -> None:
     from rich.markup import escape
     from rich.table import Table
 
+    from maglev_ctrl.report.design.words import claims_in_short
+
     screen = console()
     screen.print(f"[bold]{escape(study.title)}[/]")
-    table = Table()
-    for heading in ("option", "law", "verdict", "what is proved"):
-        table.add_column(heading, overflow="fold")
+    table = Table(show_lines=True)
+    table.add_column("option", overflow="fold", max_width=36)
+    table.add_column("verdict", overflow="fold", max_width=9)
+    table.add_column("what is proved", overflow="fold")
     for option in study.options:
         verdict = option.verdict.value
-        proofs = option.synthesis.proofs if option.synthesis is not None else ()
-        said = option.failure or "; ".join(
-            proof.statement if proof.holds else f"NOT PROVED: {proof.statement} ({proof.reason})" for proof in proofs
-        )
-        said += f"; with actuator delays: {option.delays}" if option.delays else ""
-        table.add_row(escape(option.label), escape(option.law), f"[{STYLES[verdict]}]{verdict}[/]", escape(said))
+        law = option.law.partition("; acceptable")[0]
+        name = f"{escape(option.label)}\n[dim]{escape(law)}[/]" if law != option.label else escape(option.label)
+        said = [option.failure] if option.failure else []
+        if option.synthesis is not None and not option.failure:
+            said += claims_in_short(option.synthesis)
+        said += [f"with actuator delays: {option.delays}"] if option.delays else []
+        table.add_row(name, f"[{STYLES[verdict]}]{verdict}[/]", escape("\n".join(said)))
     screen.print(table)

@@ -6,13 +6,18 @@ import numpy as np
 
 from maglev_ctrl.arrays import ComplexArray, FloatArray
 from maglev_ctrl.report.chart import Area, Axis, Chart, Item, Line, Marks, Panel, Rule, Span
+from maglev_ctrl.report.design.words import round_up, short_names
 from maglev_ctrl.report.style import FADED, FAIL_COLOUR, INK, colour, dash, number
+from maglev_ctrl.study.design.budgeted import shown_damping
 from maglev_ctrl.study.design.records import CornerPoles, GainCurve, LawStudy, PredictiveStudy
 from maglev_ctrl.synthesis.damping.budget import BudgetCurve, DampingBudget
 from maglev_ctrl.synthesis.lmi.regions import Region, contains
 from maglev_ctrl.systems.scheduled import ScheduledController
 
-MOST_GAINS = 10
+MOST_GAINS = 8
+RAYS = 1441
+ALIKE = 1e-3
+"""Gains whose changes over the parameter differ by less than this share of the largest are shown once."""
 _HERTZ = 2.0 * np.pi
 
 
@@ -22,8 +27,9 @@ def poles_chart(study: LawStudy) -> Chart | None:
         return None
     window = _window(study.corners)
     items: list[Item] = []
-    if study.region is not None:
-        items.append(_region_area(study.region, window))
+    asked = None if study.region is None else region_area(study.region, window)
+    if asked is not None:
+        items.append(asked)
     opened = np.concatenate([corner.open_loop for corner in study.corners])
     closed = np.concatenate([corner.closed_loop for corner in study.corners])
     items.append(Span("x", 0.0, window[1], FAIL_COLOUR, 0.10, label="unstable"))
@@ -33,7 +39,9 @@ def poles_chart(study: LawStudy) -> Chart | None:
     items.append(Marks(closed.real, closed.imag, "circle", "with the law", colour(1), 4.5, held))
     outside = int(np.sum((closed.real < window[0]) | (np.abs(closed.imag) > window[2])))
     corners = "" if len(study.corners) == 1 else f" at {len(study.corners)} operating points"
-    more = f" {outside} faster ones lie outside the figure." if outside else ""
+    more = {0: "", 1: " A faster one lies outside the figure."}.get(
+        outside, f" {outside} faster ones lie outside the figure."
+    )
     worst = float(np.max(closed.real, initial=-np.inf))
     return Chart(
         key=f"{study.name}-poles",
@@ -61,11 +69,13 @@ def gain_chart(study: LawStudy) -> Chart | None:
     ticks = tuple(float(k) for k in range(int(np.ceil(x[0])), int(np.floor(x[-1])) + 1))
     labels = tuple(f"{10.0**k:g}" for k in ticks)
     peak = float(np.max(curve.closed_loop))
-    proved = f" It is proved to stay below {number(curve.level)}." if np.isfinite(curve.level) else ""
+    proved = (
+        f" It is proved to stay below {number(round_up(curve.level), digits=4)}." if np.isfinite(curve.level) else ""
+    )
     return Chart(
         key=f"{study.name}-gain",
-        caption=f"Largest gain of {study.label} from all disturbances, each in units of its density, to all weighted "
-        f"outputs and commands, each in units of its allowed value, at the design point.{proved}",
+        caption=f"Largest gain of {study.label} at the design point, from disturbances in units of their density to "
+        f"outputs and commands in units of their allowed values.{proved}",
         alt=f"Gain of {study.label} over frequency, largest {number(peak)} with the law.",
         panels=(Panel(tuple(items), Axis("frequency (Hz)", limits=(float(x[0]), float(x[-1])), ticks=ticks,
                                          tick_labels=labels),
@@ -79,23 +89,33 @@ def schedule_chart(study: LawStudy, schedule: ScheduledController, *, scale: flo
     x = scale * schedule.nodes
     gains = np.stack([law.D if law.D.any() else law.C for law in schedule.controllers])
     size = np.max(np.abs(gains), axis=0)
-    order = np.dstack(np.unravel_index(np.argsort(-size, axis=None), size.shape))[0][:MOST_GAINS]
+    order = np.dstack(np.unravel_index(np.argsort(-size, axis=None, kind="stable"), size.shape))[0]
     first = schedule.controllers[0]
     names = first.measured if first.D.any() else first.states
-    items: list[Item] = []
-    for place, (i, j) in enumerate(order):
-        if size[i, j] <= 0.0:
+    shown: list[tuple[FloatArray, str]] = []
+    alike: dict[int, int] = {}
+    for i, j in order:
+        if size[i, j] <= 1e-9 * np.max(size):
             continue
-        label = f"{names[j]} to {first.commands[i]}"
-        items.append(Line(x, gains[:, i, j] / size[i, j], label, colour(place + 1), dash(place // 4)))
-        items.append(Marks(x, gains[:, i, j] / size[i, j], "circle", "", colour(place + 1), 3.0))
+        change = 100.0 * (np.abs(gains[:, i, j]) - np.abs(gains[0, i, j])) / size[i, j]
+        same = next((k for k, (other, _) in enumerate(shown) if np.max(np.abs(other - change)) <= 100.0 * ALIKE), None)
+        if same is not None:
+            alike[same] = alike.get(same, 0) + 1
+        elif len(shown) < MOST_GAINS:
+            shown.append((change, f"{names[j]} to {first.commands[i]}"))
+    items: list[Item] = []
+    for place, (change, label) in enumerate(shown):
+        more = f" (+{alike[place]} alike)" if place in alike else ""
+        items.append(Line(x, change, label + more, colour(place + 1), dash(place // 4)))
+        items.append(Marks(x, change, "circle", "", colour(place + 1), 3.0))
     return Chart(
         key=f"{study.name}-schedule",
-        caption=f"Gains of {study.label} over {schedule.parameter}, each relative to its largest value; the "
-        f"{len(items) // 2} largest are shown. Dots are the nodes where laws are designed.",
-        alt=f"{len(items) // 2} gains of {study.label} over {schedule.parameter}.",
+        caption=f"How the size of the gains of {study.label} changes over {schedule.parameter}, against the first node "
+        "and relative to each gain's largest size, the largest gains first; gains that change alike are drawn once. "
+        "Dots are the nodes.",
+        alt=f"{len(shown)} gains of {study.label} over {schedule.parameter}.",
         panels=(Panel((*items, Rule("y", 0.0, "", INK, "solid", 0.7)), Axis(f"{schedule.parameter} ({unit})"),
-                      Axis("gain relative to its largest")),),
+                      Axis("change of gain (%)")),),
         panel_height=2.2,
     )  # fmt: skip
 
@@ -104,25 +124,27 @@ def budget_chart(study: LawStudy, budget: DampingBudget, *, chosen: float) -> Ch
     """Cost against proved decay rate, all places together and each alone, and where the damping sits."""
     unit = "1/s" if budget.quantity == "decay rate" else ""
     axis = Axis(f"proved {budget.quantity}" + (f" ({unit})" if unit else ""))
-    costs: list[Item] = []
-    for order, curve in enumerate((budget.together, *budget.alone)):
-        label = "all places" if order == 0 else f"only {curve.places[0]}"
-        cost, tint = curve.cost / 1e3, colour(order + 1)
-        costs.append(Line(curve.margin, cost, label, tint, "solid" if order == 0 else "dash", 1.6))
-        costs.append(Marks(curve.margin, cost, "circle" if order == 0 else "square", "", tint, 4.0))
-    together = budget.together
+    together, names = budget.together, short_names(budget.together.places)
+    costs: list[Item] = [
+        Line(together.margin, together.cost / 1e3, "all places", INK, "solid", 2.2),
+        Marks(together.margin, together.cost / 1e3, "circle", "", INK, 4.5),
+    ]
+    for order, curve in enumerate(budget.alone):
+        if np.any(curve.certified):  # the page says in words where nothing was proved
+            cost, tint = curve.cost / 1e3, colour(order + 1)
+            costs += [Line(curve.margin, cost, f"only {names[order]}", tint, "dash", 1.3),
+                      Marks(curve.margin, cost, "square", "", tint, 3.0)]  # fmt: skip
     costs += _unproved(together)
     costs.append(Line(together.margin, together.lower_bound / 1e3, "nothing is cheaper", FADED, "dot", 1.0))
     where: list[Item] = [
-        Line(budget.together.margin, budget.together.damping[:, k] / 1e3, name, colour(k + 1), dash(k), 1.4)
-        for k, name in enumerate(budget.together.places)
+        Line(together.margin, shown_damping(together.damping)[:, k] / 1e3, name, colour(k + 1), "solid", 1.4)
+        for k, name in enumerate(names)
     ]
     mark = Rule("x", chosen, "chosen", INK, "dot", 1.0)
     return Chart(
         key=f"{study.name}-budget",
-        caption=f"What a proved {budget.quantity} costs in dampers, weighted N s/m, with all places together and each "
-        "place alone (left), and how the damping is shared out (right). The dotted grey line is a bound from the sum "
-        "of the poles: nothing is cheaper.",
+        caption=f"What a proved {budget.quantity} costs (left) and how the damping is shared out (right). The dotted "
+        "grey line is a bound from the sum of the poles: nothing is cheaper.",
         alt=f"Cost of damping against {budget.quantity}: up to {number(budget.together.best_margin, unit)} is proved.",
         panels=(Panel((*costs, mark), axis, Axis("weighted damping (kN s/m)"), title="cost"),
                 Panel((*where, mark), axis, Axis("damping (kN s/m)"), title="where it sits")),
@@ -149,7 +171,7 @@ def manoeuvre_chart(study: LawStudy, predictive: PredictiveStudy) -> Chart:
         if np.isfinite(signal.limit):
             ends = ((signal.limit, "limit"), (-signal.limit, ""))
             items += [Rule("y", signal.scale * end, label, FAIL_COLOUR, "dot", 1.0) for end, label in ends]
-        panels.append(Panel(tuple(items), Axis("time (s)"), Axis(f"{signal.name} ({signal.unit})")))
+        panels.append(Panel(tuple(items), Axis("time (s)"), Axis(signal.unit), title=signal.name))
     return Chart(
         key=f"{study.name}-manoeuvre",
         caption=f"The shown manoeuvre of {study.label}: with prediction, and with the linear law cut at its limits.",
@@ -186,32 +208,46 @@ def _window(corners: tuple[CornerPoles, ...]) -> tuple[float, float, float]:
     return left, right, height
 
 
-def _region_area(region: Region, window: tuple[float, float, float]) -> Area:
-    """The outline of a region of poles inside the window, found ray by ray from a point well inside."""
-    left, _, height = window
-    centre = complex(_inside(region, left), 0.0)
-    reach = 4.0 * (abs(left) + height)
-    outline: list[complex] = []
-    for angle in np.linspace(0.0, 2.0 * np.pi, 181):
-        ray = np.exp(1j * angle)
-        low, high = 0.0, reach
-        for _ in range(40):
-            middle = 0.5 * (low + high)
-            if bool(contains(region, np.array([centre + middle * ray]))[0]):
-                low = middle
-            else:
-                high = middle
-        outline.append(centre + low * ray)
-    shape = np.array(outline)
-    x, y = np.clip(shape.real, left, None), np.clip(shape.imag, -height, height)
-    return Area(x, y, "asked for", colour(3), 0.12, colour(3), "dash", 0.9)
+def region_area(region: Region, window: tuple[float, float, float]) -> Area | None:
+    """The part of a convex region of poles inside the window, ray by ray from a point well inside; None without any.
+
+    Parameters
+    ----------
+    window : left and right end of the real axis, and half the height
+    """
+    left, right, height = window
+    middle = _inside(region, left, min(right, 0.0))
+    if middle is None:
+        return None
+    centre = complex(middle, 0.0)
+    corners = [complex(x, y) - centre for x in (left, right) for y in (-height, height)]
+    angles = np.concatenate([np.linspace(-np.pi, np.pi, RAYS), np.angle(corners)])
+    rays = np.exp(1j * np.unique(angles))
+    shape = centre + _reach(region, centre, rays, window) * rays
+    return Area(
+        shape.real.astype(float), shape.imag.astype(float), "asked for", colour(3), 0.12, colour(3), "dash", 0.9
+    )
 
 
-def _inside(region: Region, left: float) -> float:
-    """A real point of the region, as far from its ends as possible."""
-    points = np.concatenate([np.linspace(left, 0.0, 400), -np.geomspace(1e-3, 1e4, 400)])
-    kept = np.sort(points[contains(region, points.astype(complex))])
-    return float(kept[len(kept) // 2]) if kept.size else 0.5 * left
+def _reach(region: Region, centre: complex, rays: ComplexArray, window: tuple[float, float, float]) -> FloatArray:
+    """How far each ray from `centre` stays inside both the region and the window."""
+    left, right, height = window
+    across = np.maximum(np.abs(rays.real), 1e-300)
+    sides = np.where(rays.real > 0.0, right - centre.real, centre.real - left) / across
+    high = np.minimum(sides, height / np.maximum(np.abs(rays.imag), 1e-300))
+    low = np.where(contains(region, centre + high * rays), high, 0.0)
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        inside = contains(region, centre + middle * rays)
+        low, high = np.where(inside, middle, low), np.where(inside, high, middle)
+    return low
+
+
+def _inside(region: Region, left: float, right: float) -> float | None:
+    """A real point of the region in the window, as far from its ends as possible; None where there is none."""
+    points = np.linspace(left, right, 801)[1:-1]
+    kept = points[contains(region, points.astype(complex))]
+    return float(kept[len(kept) // 2]) if kept.size else None
 
 
 def _hover(study: LawStudy, key: str) -> tuple[str, ...]:

@@ -21,10 +21,12 @@ from maglev_ctrl.report.design.tables import (
     claim_table,
     corner_table,
     gain_table,
+    manoeuvre_table,
     performance_table,
     sampled_table,
     smallest_margins,
 )
+from maglev_ctrl.report.design.words import gathered, round_down
 from maglev_ctrl.report.model import (
     Banner,
     Block,
@@ -44,6 +46,8 @@ from maglev_ctrl.study.design.records import DesignStudy, LawStudy
 from maglev_ctrl.synthesis.damping.budget import BudgetCurve
 
 _SCALES = {"speed": (3.6, "km/h"), "payload": (1e-3, "t"), "height": (1e3, "mm"), "gap": (1e3, "mm")}
+THIN_GAIN, THIN_PHASE = 3.0, 20.0
+"""dB and deg below which the summary warns, half of what is usually asked for."""
 METHOD = (
     "A law is shown only with claims about its closed loop. Each claim comes with its matrix, and is proved again from "
     "the stored numbers of plant and law by arithmetic with bounds on its rounding, or exactly in rational arithmetic; "
@@ -66,10 +70,15 @@ def design_model(study: DesignStudy) -> Report:
     sections.append(_method(study))
     sections.append(Section("Scenario file", "scenario", 1, (Listing(study.scenario_text),)))
     return Report(
-        title=f"Designs: {study.title}", subtitle=f"{len(study.options)} laws of {study.name}", created=study.created,
+        title=f"Designs: {study.title}", subtitle=_counted(study), created=study.created,
         scenario_hash=study.scenario_hash, version=dict(study.versions).get("maglev_ctrl", __version__),
         sections=tuple(sections),
     )  # fmt: skip
+
+
+def _counted(study: DesignStudy) -> str:
+    count = len(study.options)
+    return f"{count} {'law' if count == 1 else 'laws'} of {study.name}"
 
 
 def _summary(study: DesignStudy) -> Section:
@@ -94,11 +103,23 @@ def _summary(study: DesignStudy) -> Section:
         "disturbances in units of their density to outputs and commands in units of their allowed values",
         heads, tuple(rows), (1.3, 2.2, 0.9, 0.9, 0.8, 0.9, 0.9, 0.9), (3, 4, 5, 6, 7), True,
     ))  # fmt: skip
+    thin = [option.label for option in study.options if _thin(option)]
+    if thin:
+        blocks.append(Paragraph(
+            f"Proved is not robust: {', '.join(thin)} {'has' if len(thin) == 1 else 'have'} less than "
+            f"{THIN_GAIN:g} dB of gain margin or {THIN_PHASE:g} deg of phase margin. A claim is about the model and "
+            "its corners; maglev-ctrl report judges the requirements of the scenario."
+        ))  # fmt: skip
     if study.assumptions:
         blocks += [Paragraph("Assumptions, which no source confirms:"), Bullets(study.assumptions)]
     if study.sources:
         blocks += [Paragraph("Sources:"), Bullets(tuple(f"{key}: {text}" for key, text in study.sources))]
     return Section("Summary", "summary", 1, tuple(blocks), study.verdict)
+
+
+def _thin(option: LawStudy) -> bool:
+    gain, phase, _ = smallest_margins(option.margins)
+    return gain < THIN_GAIN or phase < THIN_PHASE
 
 
 def _slowest(option: LawStudy) -> str:
@@ -140,9 +161,9 @@ def _option(option: LawStudy) -> list[Section]:
     sections = [Section(option.label, anchor, 1, tuple(blocks), option.verdict)]
     for title, part, more in (
         ("Cost of damping", "budget", _budget(option)), ("Schedule", "schedule", _schedule(option)),
-        ("Predictive control", "mpc", _predictive(option)), ("The law in numbers", "gains", _gains(option)),
+        ("Limits and manoeuvre", "mpc", _predictive(option)), ("The law in numbers", "gains", _gains(option)),
         ("Margins", "margins", _margins(option)), ("As a computer runs it", "sampled", _sampled(option)),
-        ("Notes", "notes", [Bullets(option.notes)] if option.notes else []),
+        ("Notes", "notes", _notes(option)),
     ):  # fmt: skip
         if more:
             sections.append(Section(f"{option.label}: {title}", f"{anchor}-{part}", 2, tuple(more)))
@@ -180,7 +201,8 @@ def _schedule(option: LawStudy) -> list[Block]:
     limit = option.schedule.rate_limit
     words = f"What is carried: {option.schedule.guarantee}."
     if np.isfinite(limit):
-        words += f" The proof allows {schedule.parameter} to change by {number(limit, f'{schedule.unit}/s')} at most."
+        fastest = number(round_down(limit), f"{schedule.unit}/s", digits=4)
+        words += f" The proof allows {schedule.parameter} to change by {fastest} at most."
     return [
         Paragraph(words), *([Paragraph(option.asked)] if option.asked else []),
         FigureBlock(schedule_chart(option, schedule, scale=scale, unit=unit)),
@@ -193,14 +215,23 @@ def _predictive(option: LawStudy) -> list[Block]:
         return []
     run, plain = predictive.with_prediction, predictive.saturated
     return [
-        Bullets(predictive.design.statements),
+        Bullets(tuple(gathered(words) for words in predictive.design.statements)),
         FigureBlock(manoeuvre_chart(option, predictive)),
+        manoeuvre_table(predictive),
         Paragraph(
             f"{len(run.u)} steps: {len(run.fallback_steps)} fell back on the verified law, largest residual of the "
             f"optimality conditions {number(max((r for r in run.residuals if np.isfinite(r)), default=0.0))}. Cost "
-            f"{number(run.cost)} with prediction, {number(plain.cost)} with the saturated law."
+            f"{number(run.cost)} with prediction, {number(plain.cost)} with the saturated law; it counts the weights "
+            "alone, and keeping limits has its price."
         ),
     ]
+
+
+def _notes(option: LawStudy) -> list[Block]:
+    """Notes not told elsewhere on the page."""
+    told = option.predictive.design.statements if option.predictive is not None else ()
+    kept = tuple(gathered(note) for note in dict.fromkeys(option.notes) if note not in told)
+    return [Bullets(kept)] if kept else []
 
 
 def _gains(option: LawStudy) -> list[Block]:

@@ -6,25 +6,30 @@ import numpy as np
 
 from maglev_ctrl.analysis.margins import Margins
 from maglev_ctrl.errors import Verdict
+from maglev_ctrl.report.design.words import claim_words, short_names
 from maglev_ctrl.report.model import Cell, Table, cell, row
 from maglev_ctrl.report.style import ABSENT, number
-from maglev_ctrl.study.design.records import LawStudy, SampledLaw
+from maglev_ctrl.study.design.budgeted import shown_damping
+from maglev_ctrl.study.design.records import LawStudy, PredictiveStudy, SampledLaw
 from maglev_ctrl.synthesis.damping.budget import DampingBudget
 
 MOST_ENTRIES = 60
+MOST_PLACES = 4
+"""A table of more places than this tells the cost of each alone in the figure only."""
+_METHODS = {"tustin": "Tustin's rule", "hold": "held measurements"}
 
 
 def claim_table(option: LawStudy) -> Table:
     """Every claim in a sentence, whether it is proved, by how much and by what."""
     assert option.synthesis is not None
     rows = tuple(
-        (cell(proof.statement.partition(" (L + s M")[0]), cell(Verdict.PASS if proof.holds else Verdict.FAIL),
+        (cell(claim_words(option.synthesis, i)), cell(Verdict.PASS if proof.holds else Verdict.FAIL),
          cell(number(proof.margin)), cell(proof.method if proof.holds else proof.reason))
-        for proof in option.synthesis.proofs
+        for i, proof in enumerate(option.synthesis.proofs)
     )  # fmt: skip
     caption = (
-        f"What {option.label} claims and how it was proved. Margin: smallest eigenvalue of the inequality, scaled to a "
-        "largest of about one"
+        f"What {option.label} claims, numbers rounded to the safe side. Margin: smallest eigenvalue of the inequality, "
+        "scaled to a largest of about one"
     )
     return Table(caption, ("Claim", "Proved", "Margin", "By"), rows, (4.2, 0.9, 0.8, 1.4), (2,), True)
 
@@ -87,9 +92,9 @@ def sampled_table(sampled: SampledLaw) -> Table:
     limit = loss.largest_period
     reach = f"{number(1e3 * limit.value, 'ms')}{'' if limit.verified else ' (not verified)'}"
     caption = (
-        f"The law sampled every {number(1e3 * sampled.period, 'ms')} ({loss.method}), commands held between samples, "
-        f"actuator delays left out: {stable}, spectral radius {number(loss.spectral_radius, digits=6)}. Largest period "
-        f"that keeps the loop stable: {reach}"
+        f"The law sampled every {number(1e3 * sampled.period, 'ms')} ({_METHODS[loss.method]}), commands held between "
+        f"samples, actuator delays left out: {stable}, spectral radius {number(loss.spectral_radius, digits=6)}. "
+        f"Largest period that keeps the loop stable: {reach}"
     )
     return Table(caption, ("Margin", "Continuous", "Sampled", "Lost"), tuple(rows), (2.0, 1.0, 1.0, 1.0), (1, 2, 3))
 
@@ -106,24 +111,48 @@ def smallest_margins(margins: Margins | None) -> tuple[float, float, float]:
 def budget_table(budget: DampingBudget, chosen: float) -> Table:
     """Cost and damping at each place for every margin of the curve."""
     together, rate = budget.together, budget.quantity == "decay rate"
+    damping, names = shown_damping(together.damping), short_names(together.places)
+    single = [(name, curve) for name, curve in zip(names, budget.alone, strict=False) if np.any(curve.certified)]
+    single = single if len(names) <= MOST_PLACES else []
     rows: list[tuple[Cell, ...]] = []
     for i, margin in enumerate(together.margin):
         proved = Verdict.PASS if together.certified[i] else Verdict.NOT_EVALUATED
         rows.append((
             cell(number(float(margin), "1/s" if rate else "") + (" (chosen)" if margin == chosen else "")),
+            *(cell(number(1e-3 * float(c))) for c in damping[i]),
             cell(number(1e-3 * float(together.cost[i]))), cell(number(1e-3 * float(together.lower_bound[i]))),
-            *(cell(number(1e-3 * float(c))) for c in together.damping[i]),
             cell(number(1e-3 * float(together.marginal[i]))), cell(proved),
-            *(cell(number(1e-3 * float(curve.cost[i]))) for curve in budget.alone),
+            *(cell(number(1e-3 * float(curve.cost[i]))) for _, curve in single),
         ))  # fmt: skip
     heads = (
-        budget.quantity.capitalize(), "Cost", "At least", *together.places, "Cost per unit more", "Proved",
-        *(f"Cost with only {curve.places[0]}" for curve in budget.alone),
+        budget.quantity.capitalize(), *names, "Cost", "No less than", f"Cost per {'1/s' if rate else 'unit'}", "Proved",
+        *(f"Cost, {name} only" for name, _ in single),
     )  # fmt: skip
     caption = (
-        f"Least cost found, in weighted kN s/m, and the damping of each place in kN s/m; carried: {budget.guarantee}"
+        f"Damping at each place, kN s/m, and the least cost found, weighted kN s/m; proved for {budget.guarantee}"
+        f"{' of the operating points' if budget.guarantee == 'every constant blend' else ''}"
     )
-    return Table(caption, heads, tuple(rows), (), tuple(range(1, len(heads))), True)
+    widths = (1.4, *(1.0 for _ in names), 0.8, 0.9, 0.9, 0.9, *(1.1 for _ in single))
+    return Table(
+        caption, heads, tuple(rows), widths, tuple(k for k in range(1, len(heads)) if k != len(names) + 4), True
+    )
+
+
+def manoeuvre_table(predictive: PredictiveStudy) -> Table:
+    """How far limited signals went, and for how long outside their limits, with and without prediction."""
+    step = float(predictive.time[1] - predictive.time[0])
+    rows: list[tuple[Cell, ...]] = []
+    for signal in predictive.signals:
+        if not np.isfinite(signal.limit):
+            continue
+        told = [cell(signal.name), cell(number(signal.scale * signal.limit, signal.unit))]
+        for course in (signal.predicted, signal.saturated):
+            beyond = step * int(np.sum(np.abs(course) > signal.limit * (1.0 + 1e-6)))
+            told += [cell(number(signal.scale * float(np.max(np.abs(course))), signal.unit)), cell(number(beyond, "s"))]
+        rows.append(tuple(told))
+    heads = ("Signal", "Limit", "Largest, prediction", "Outside for", "Largest, saturated law", "Outside for")
+    caption = "How far the limited signals went in the manoeuvre, and for how long outside their limits"
+    return Table(caption, heads, tuple(rows), (2.0, 1.0, 1.2, 0.8, 1.2, 0.8), (1, 2, 3, 4, 5))
 
 
 def _least_damping(poles: np.ndarray[tuple[int, ...], np.dtype[np.complex128]]) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
@@ -47,8 +48,12 @@ def chosen_damping(model: OptionModel) -> DampingDesign:
     return minimum_damping([system for _, system in vertices], places, rate=budget.choose, guarantee=GUARANTEE)
 
 
-def whole_budget(model: OptionModel) -> DampingBudget:
-    """Cost against decay rate, all places together and each alone.
+def whole_budget(model: OptionModel, *, step: Callable[[str], None] | None = None) -> DampingBudget:
+    """Cost against decay rate, all places together and each alone, as far as the budget's time limit allows.
+
+    Parameters
+    ----------
+    step : told before every point what it is
 
     Raises
     ------
@@ -57,7 +62,10 @@ def whole_budget(model: OptionModel) -> DampingBudget:
     vertices, places = problem_of(model)
     budget = _record(model).damping_budget
     assert budget is not None
-    return damping_budget([system for _, system in vertices], places, margins=budget.decay_rates, guarantee=GUARANTEE)
+    return damping_budget(
+        [system for _, system in vertices], places,
+        margins=budget.decay_rates, guarantee=GUARANTEE, time_limit=budget.time_limit, step=step,
+    )  # fmt: skip
 
 
 def chosen_model(model: OptionModel, design: DampingDesign) -> OptionModel:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
 from maglev_ctrl.analysis.margins import Margins, loop_margins
+from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.errors import MaglevError, ModelError
 from maglev_ctrl.scenario import OptionRecord, Scenario
 from maglev_ctrl.study.design.budget import chosen_model, problem_of, whole_budget
@@ -17,9 +21,19 @@ from maglev_ctrl.study.loops import option_loops
 from maglev_ctrl.study.situation import OptionModel, Situation
 from maglev_ctrl.systems import Controller
 
+Step = Callable[[str], None]
+NOTHING: Final = 1e-9
+"""Dampers below this share of the largest are what the search left of zero."""
+_NEWTONS: Final = re.compile(r"([\d.]+(?:e[+-]?\d+)?) N s/m")
+_COSTS: Final = re.compile(r"(cost|less than) ([\d.]+(?:e[+-]?\d+)?)")
 
-def budgeted(scenario: Scenario, option: OptionRecord, blank: LawStudy) -> LawStudy:
+
+def budgeted(scenario: Scenario, option: OptionRecord, blank: LawStudy, *, step: Step | None = None) -> LawStudy:
     """The budget's curve and the dampers it chose.
+
+    Parameters
+    ----------
+    step : told what is being done, before every point of the curve
 
     Raises
     ------
@@ -28,7 +42,7 @@ def budgeted(scenario: Scenario, option: OptionRecord, blank: LawStudy) -> LawSt
     record = option.damping_budget
     assert record is not None
     bare = OptionModel(scenario, option)
-    budget = whole_budget(bare)
+    budget = whole_budget(bare, step=step)
     design = budget.designs[int(np.argmin(np.abs(budget.together.margin - record.choose)))]
     blank = replace(blank, budget=budget, chosen=record.choose)
     try:
@@ -38,10 +52,13 @@ def budgeted(scenario: Scenario, option: OptionRecord, blank: LawStudy) -> LawSt
     opened, _ = problem_of(bare)
     closed = systems_at(model, corners_of(model, record.corners))
     margins, reason = design_margins(model, None)
+    named = tuple(replace(plant, name=corner.name) for plant, (corner, _) in zip(
+        design.synthesis.plants, opened, strict=True))  # fmt: skip
+    synthesis = replace(design.synthesis, plants=named)  # "vertex" tells nobody which operating point is meant
     return replace(
         blank,
         status=design.synthesis.status,
-        synthesis=design.synthesis,
+        synthesis=synthesis,
         corners=tuple(
             CornerPoles(corner.name, poles(system.state_matrix()), poles(other.state_matrix()))
             for (corner, system), (_, other) in zip(opened, closed, strict=True)
@@ -49,10 +66,36 @@ def budgeted(scenario: Scenario, option: OptionRecord, blank: LawStudy) -> LawSt
         margins=margins,
         margins_reason=reason,
         notes=(
-            *(f"{name}: {value / 1e3:.4g} kN s/m" for name, value in model.dampings),
-            *design.synthesis.notes,
+            *(f"{name}: {value / 1e3:.4g} kN s/m" for name, value in zip(
+                design.places, shown_damping(design.damping), strict=True)),
+            *(in_kilonewtons(note) for note in design.synthesis.notes),
         ),
-    )
+    )  # fmt: skip
+
+
+def shown_damping(damping: FloatArray) -> FloatArray:
+    """Dampings (..., k) with what is below `NOTHING` of the largest of a row as 0.
+
+    Examples
+    --------
+    >>> shown_damping(np.array([5e4, 2e-11]))
+    array([50000.,     0.])
+    """
+    largest = np.max(np.abs(damping), axis=-1, keepdims=True, initial=0.0)
+    return np.where(np.abs(damping) < NOTHING * largest, 0.0, damping)
+
+
+def in_kilonewtons(note: str) -> str:
+    """A note on dampers with its N s/m as kN s/m, and its costs too.
+
+    Examples
+    --------
+    >>> in_kilonewtons("descent: leg 5.181e+04 N s/m; cost 5.181e+04, no damping costs less than 1.291e+04")
+    'descent: leg 51.81 kN s/m; cost 51.81, no damping costs less than 12.91 (weighted kN s/m)'
+    """
+    told = _NEWTONS.sub(lambda found: f"{float(found[1]) / 1e3:.4g} kN s/m", note)
+    found = _COSTS.sub(lambda one: f"{one[1]} {float(one[2]) / 1e3:.4g}", told)
+    return found if found == told else f"{found} (weighted kN s/m)"
 
 
 def design_margins(model: OptionModel, controller: Controller | None) -> tuple[Margins | None, str]:

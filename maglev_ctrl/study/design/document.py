@@ -22,6 +22,9 @@ FORMAT = "maglev_ctrl designs 1"
 SIZE_LIMIT = 256 * 2**20
 SAMPLED = "sampled"
 """Key of `extra` that holds the laws as a computer runs them."""
+KIND = "kind"
+"""Key of `extra` that tells what the law is made of."""
+LAW, DAMPERS, PREDICTIVE = "law", "dampers", "predictive"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -38,7 +41,8 @@ def design_document(scenario: Scenario, study: LawStudy) -> dict[str, Any] | Non
     if synthesis is None or not synthesis.controllers:
         return None
     scheduled = study.schedule.schedule if study.schedule is not None else None
-    extra: dict[str, Any] = {"option": study.name, "label": study.label, "statements": [
+    kind = DAMPERS if study.budget is not None else PREDICTIVE if study.predictive is not None else LAW
+    extra: dict[str, Any] = {"option": study.name, "label": study.label, KIND: kind, "statements": [
         {"statement": proof.statement, "proved": proof.holds, "margin": proof.margin} for proof in synthesis.proofs
     ]}  # fmt: skip
     if study.sampled is not None:
@@ -61,8 +65,21 @@ def design_document(scenario: Scenario, study: LawStudy) -> dict[str, Any] | Non
 
 def designs_text(documents: Sequence[dict[str, Any]], *, created: str, versions: Sequence[tuple[str, str]]) -> str:
     """The documents of a study as the text of one JSON file; floats are written so that they read back the same."""
-    dated = [{**one, "created": created, "versions": dict(versions)} for one in documents]
-    return json.dumps({"format": FORMAT, "designs": dated}, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    whole = {"format": FORMAT, "designs": dated(documents, created=created, versions=versions)}
+    return json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def dated(
+    documents: Sequence[dict[str, Any]], *, created: str, versions: Sequence[tuple[str, str]]
+) -> list[dict[str, Any]]:
+    """The documents with when and with what they were made."""
+    return [{**one, "created": created, "versions": dict(versions)} for one in documents]
+
+
+def kind_of(design: DesignFile) -> str:
+    """LAW, DAMPERS (built, not programmed) or PREDICTIVE (the file holds the law it falls back on)."""
+    kind = design.extra.get(KIND, LAW)
+    return kind if kind in (DAMPERS, PREDICTIVE) else LAW
 
 
 def load_designs(path: Path) -> tuple[DesignFile, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 from maglev_ctrl.errors import MaglevError, ModelError, Status
 from maglev_ctrl.scenario import OptionRecord, Scenario, describe_option
 from maglev_ctrl.scenario.control_schema import Predictive, Scheduled
-from maglev_ctrl.study.design.budgeted import budgeted, design_margins
+from maglev_ctrl.study.design.budgeted import Step, budgeted, design_margins
 from maglev_ctrl.study.design.document import design_document
 from maglev_ctrl.study.design.evaluate import corner_poles, gain_curve, sampled_law
 from maglev_ctrl.study.design.make import MadeLaw, make_law
@@ -20,15 +20,21 @@ from maglev_ctrl.study.law import delayed_certificate
 from maglev_ctrl.study.situation import OptionModel
 
 
-def study_law(scenario: Scenario, option: OptionRecord) -> LawStudy:
-    """Everything about one option's law; what has no answer is recorded with its reason, never dropped."""
+def study_law(scenario: Scenario, option: OptionRecord, *, step: Step | None = None) -> LawStudy:
+    """Everything about one option's law; what has no answer is recorded with its reason, never dropped.
+
+    Parameters
+    ----------
+    step : told what is being done
+    """
+    tell = step or (lambda words: None)
     started = time.perf_counter()
     blank = lost_law(scenario, option, "")
     try:
         if option.control is None:
-            done = budgeted(scenario, option, blank)
+            done = budgeted(scenario, option, blank, step=tell)
         else:
-            done = _controlled(scenario, option, blank)
+            done = _controlled(scenario, option, blank, tell)
         done = replace(done, document=design_document(scenario, done))
     except (MaglevError, ValueError, np.linalg.LinAlgError) as fault:
         done = replace(blank, failure=f"{fault}", status=Status.INFEASIBLE)
@@ -48,14 +54,16 @@ def lost_law(scenario: Scenario, option: OptionRecord, reason: str) -> LawStudy:
     )  # fmt: skip
 
 
-def _controlled(scenario: Scenario, option: OptionRecord, blank: LawStudy) -> LawStudy:
+def _controlled(scenario: Scenario, option: OptionRecord, blank: LawStudy, tell: Step) -> LawStudy:
     model = OptionModel(scenario, option)
+    tell("designing")
     made = make_law(scenario, option, model)
     if made is None:
         raise ModelError("the option has no control law")
     design = made.design
     if design.schedule is not None:
         model = replace(model, schedule=design.schedule)
+    tell("poles, gains and margins")
     margins, reason = design_margins(model, design.controller)
     synthesis = design.synthesis
     assert option.control is not None

@@ -88,8 +88,8 @@ def _studied(scenario: Scenario, options: Sequence[OptionRecord], workers: int, 
     if workers == 1:
         with threadpool_limits(limits=1):
             for i, option in enumerate(options):
-                tell(f"{option.label or option.name}: designing", i / len(options))
-                yield study_law(scenario, option)
+                step = partial(_step, tell, option.label or option.name, i / len(options))
+                yield study_law(scenario, option, step=step)
         return
     tell(f"{len(options)} laws on {workers} processes", 0.0)
     with one_blas_thread(), closing(shared(partial(study_law, scenario), options, workers=workers)) as results:
@@ -98,3 +98,7 @@ def _studied(scenario: Scenario, options: Sequence[OptionRecord], workers: int, 
                 yield lost_law(scenario, options[position], result.reason)
             else:
                 yield result
+
+
+def _step(tell: Progress, label: str, fraction: float, words: str) -> None:
+    tell(f"{label}: {words}", fraction)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,13 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 from maglev_ctrl.arrays import FloatArray, read_only, read_only_any
 from maglev_ctrl.errors import Agreement
 from maglev_ctrl.synthesis.damping.certified import Guarantee
-from maglev_ctrl.synthesis.damping.minimum import DampingDesign, designed
+from maglev_ctrl.synthesis.damping.minimum import DampingDesign, designed, undone
 from maglev_ctrl.synthesis.damping.places import DampedFamily, DampingPlace, damped_family
 from maglev_ctrl.synthesis.neutral import hidden_modes
 from maglev_ctrl.systems import SecondOrderSystem
 from maglev_ctrl.systems.plant import Plant
 
 Margin = Literal["decay rate", "damping ratio"]
+OUT_OF_TIME: Final = "the time limit was reached"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -73,6 +75,8 @@ def damping_budget(
     quantity: Margin = "decay rate",
     guarantee: Guarantee = "each vertex",
     starts: int = 6,
+    time_limit: float = np.inf,
+    step: Callable[[str], None] | None = None,
 ) -> DampingBudget:
     """What each margin costs, and where the damping should sit.
 
@@ -83,10 +87,12 @@ def damping_budget(
     ----------
     margins : decay rates (1/s) or damping ratios, rising
     starts : descents at the first point; later points start from their neighbour and two others
+    time_limit : s; points that would start later are UNRESOLVED
+    step : told before every point what it is
 
     Raises
     ------
-    ValueError : margins that do not rise, or as in `minimum_damping`
+    ValueError : margins that do not rise, a time limit below zero, or as in `minimum_damping`
     ModelError : as in `damped_family`
 
     Examples
@@ -101,8 +107,12 @@ def damping_budget(
         raise ValueError(f"margins: expected rising numbers, got {levels.tolist()}")
     if quantity not in ("decay rate", "damping ratio"):
         raise ValueError(f"quantity: expected 'decay rate' or 'damping ratio', got {quantity!r}")
+    if not time_limit >= 0.0:
+        raise ValueError(f"time_limit: expected a time in s, got {time_limit!r}")
+    deadline = time.monotonic() + time_limit
     family = damped_family(vertices, places)
-    designs = _curve(family, levels, quantity, guarantee, starts)
+    tell = step or (lambda words: None)
+    designs = _curve(family, levels, quantity, guarantee, starts, deadline, tell)
     together = _record(family, levels, designs)
     alone: list[BudgetCurve] = []
     for place in range(len(family.places) if len(family.places) > 1 else 0):
@@ -111,14 +121,21 @@ def damping_budget(
         if blocked:
             alone.append(_blocked(single, levels, blocked))
         else:
-            alone.append(_record(single, levels, _curve(single, levels, quantity, guarantee, min(starts, 4))))
+            found = _curve(single, levels, quantity, guarantee, min(starts, 4), deadline, tell)
+            alone.append(_record(single, levels, found))
     return DampingBudget(quantity, guarantee, together, tuple(alone), designs)
 
 
 def _curve(
-    family: DampedFamily, levels: FloatArray, quantity: Margin, guarantee: Guarantee, starts: int
-) -> tuple[DampingDesign, ...]:
+    family: DampedFamily, levels: FloatArray, quantity: Margin, guarantee: Guarantee, starts: int,
+    deadline: float, tell: Callable[[str], None],
+) -> tuple[DampingDesign, ...]:  # fmt: skip
+    where = "all places" if len(family.places) > 1 else f"{family.places[0]} alone"
+
     def point(level: float, warm: FloatArray | None) -> DampingDesign:
+        if time.monotonic() >= deadline:
+            return undone(family, level if quantity == "decay rate" else 0.0, OUT_OF_TIME)
+        tell(f"{quantity} {level:.6g}{' 1/s' if quantity == 'decay rate' else ''}, {where}")
         rate, ratio = (level, 0.0) if quantity == "decay rate" else (0.0, level)
         tries = starts if warm is None else 2
         return designed(family, rate, ratio=ratio, guarantee=guarantee, starts=tries, warm=warm)

@@ -117,6 +117,18 @@ def minimum_damping(
     return designed(damped_family(vertices, places), rate, ratio=ratio, guarantee=guarantee, starts=starts)
 
 
+def undone(family: DampedFamily, rate: float, reason: str) -> DampingDesign:
+    """The record of a point that was not tried, for a reason.
+
+    Examples
+    --------
+    >>> mass = SecondOrderSystem.from_matrices([[2.0]], [[0.0]], [[8.0]])
+    >>> undone(damped_family([mass], [DampingPlace("leg", [1.0])]), 0.5, "out of time").certified
+    False
+    """
+    return _refused(family, rate, np.nan, (), reason, Status.TIME_LIMIT)
+
+
 def designed(
     family: DampedFamily,
     rate: float,
