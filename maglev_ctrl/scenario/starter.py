@@ -119,13 +119,14 @@ on = "car"
 to = "bogies"
 noise = "0.1 mm/Hz^0.5"
 [option.control]
-law = "lqg"                           # lqr | lqg | sky_hook (damping = "...", sensor = a velocity sensor)
+law = "lqg"                           # lqr | lqi | lqg | h2 | h_infinity | multi_objective | output_feedback | mpc |
+                                      # scheduled | damping | sky_hook (damping = "...", sensor = a velocity sensor)
 allowed = [                           # the largest value you would accept of each
   { output = "car.heave.acceleration", value = "0.5 m/s^2" },
   { output = "magnet_gap", value = "10 mm" },               # the gaps of all magnets
   { actuator = "cylinder", value = "5 kN" },
 ]
-disturbance = "0.5 m/s^2/Hz^0.5"      # what shakes the bodies; lqg only
+disturbance = "0.5 m/s^2/Hz^0.5"      # what shakes the bodies; not for lqr, lqi, scheduled, mpc
 
 # -------------------------------------------------------------------------------------------- requirements
 [[requirement]]
