@@ -222,3 +222,12 @@ def test_misfits_are_refused():
         Structure.from_mask(np.ones((1, 1)), groups=np.ones((2, 2)))
     with pytest.raises(ValueError, match="lower <= upper"):
         Structure.from_mask(np.ones((1, 1)), lower=1.0, upper=0.0)
+
+
+def test_a_command_behind_a_lag_in_units_of_its_own_is_felt():
+    # A mass of 1e5 kg, its actuator a lag in newtons: gains of 1e5 N s/m are what moves it, gains of one are not felt.
+    A = np.array([[0.0, 1.0, 0.0], [-400.0, 0.01, 1e-5], [0.0, 0.0, -125.0]])
+    plant = Plant.from_matrices(A, [[0.0], [1.0], [0.0]], [[0.0], [0.0], [125.0]], [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+    assert fixed_modes(plant, Structure.full(plant)) == ()
+    mutant = Plant.from_matrices(A, [[0.0], [1.0], [0.0]], np.zeros((3, 1)), [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+    assert len(fixed_modes(mutant, Structure.full(mutant))) == 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from maglev_ctrl.synthesis.neutral import HiddenMode, hidden_modes
-from maglev_ctrl.synthesis.structured.loop import close, gain_sizes, join
+from maglev_ctrl.synthesis.structured.loop import close, felt_sizes, gain_sizes, join
 from maglev_ctrl.synthesis.structured.spectral import eigenvectors, growth_rates
 from maglev_ctrl.synthesis.structured.structure import Structure
 from maglev_ctrl.systems.plant import Plant
@@ -18,7 +18,8 @@ _GAINS = 3
 def fixed_modes(plant: Plant, structure: Structure, *, seed: int = 0) -> tuple[HiddenMode, ...]:
     """Poles that are not stable and that no random admissible gain moves, one per conjugate pair.
 
-    A gain drawn at random moves every pole that any admissible gain moves, with probability one; three are drawn.
+    A gain drawn at random moves every pole that any admissible gain moves, with probability one; three are drawn of
+    each of two sizes.
 
     Examples
     --------
@@ -36,8 +37,8 @@ def fixed_modes(plant: Plant, structure: Structure, *, seed: int = 0) -> tuple[H
     size = max(float(np.linalg.norm(A, 2)), 1e-300)
     moved = growth_rates(poles, plant.dt) < 0.0
     rng = np.random.default_rng(seed)
-    sizes = gain_sizes((joined,))
-    for _ in range(_GAINS):
+    measures = (gain_sizes((joined,)), felt_sizes(joined))
+    for sizes in _GAINS * measures:
         drawn = np.tensordot(
             0.3 * rng.choice([-1.0, 1.0], len(structure.basis)) * rng.uniform(0.5, 1.5, len(structure.basis)),
             structure.basis, axes=1,

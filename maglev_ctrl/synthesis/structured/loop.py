@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from maglev_ctrl.analysis.loops import state_scales
-from maglev_ctrl.arrays import FloatArray
+from maglev_ctrl.arrays import ComplexArray, FloatArray
 from maglev_ctrl.systems.plant import Plant
 
 
@@ -118,18 +118,53 @@ def close(plant: Joined, K: FloatArray) -> Closed:
 
 
 def gain_sizes(plants: tuple[Joined, ...]) -> FloatArray:
-    """Size that each entry of K must have to move poles by about the size of the plant's own; (nu, ny)."""
-    sizes = []
-    for plant in plants:
-        poles = np.abs(np.linalg.eigvals(plant.A))
-        kept = poles[poles > 1e-3 * np.max(poles, initial=0.0)]
-        rate = float(np.exp(np.mean(np.log(kept)))) if kept.size else 1.0
-        into = np.linalg.norm(plant.B2, axis=0)
-        out = np.linalg.norm(plant.C2, axis=1)
-        into[into == 0.0] = 1.0
-        out[out == 0.0] = 1.0
-        sizes.append(np.log(rate) - np.log(into)[:, None] - np.log(out)[None, :])
-    return np.asarray(np.exp(np.mean(sizes, axis=0)))
+    """Size that each entry of K must have to move poles by about the size of the plant's own; (nu, ny).
+
+    From the norms of B2 and C2: a measure of the search's units, right where commands act on the states at once.
+    """
+    return np.asarray(np.exp(np.mean([_direct_size(plant) for plant in plants], axis=0)))
+
+
+def felt_sizes(plant: Joined) -> FloatArray:
+    """Size that each entry of K must have to be felt at the plant's poles, whatever lies between; (nu, ny).
+
+    K G is about one for the gain G beside the poles: an actuator's lag, whose state has units of its own, counts.
+    """
+    return np.asarray(np.exp(_size_through(plant)))
+
+
+def _direct_size(plant: Joined) -> FloatArray:
+    poles = np.abs(np.linalg.eigvals(plant.A))
+    kept = poles[poles > 1e-3 * np.max(poles, initial=0.0)]
+    rate = float(np.mean(np.log(kept))) if kept.size else 0.0
+    into, out = np.linalg.norm(plant.B2, axis=0), np.linalg.norm(plant.C2, axis=1)
+    into[into == 0.0], out[out == 0.0] = 1.0, 1.0
+    return np.asarray(rate - np.log(into)[:, None] - np.log(out)[None, :])
+
+
+def _size_through(plant: Joined) -> FloatArray:
+    gain = np.max(np.abs(_response(plant, _beside_poles(plant))), axis=0)
+    into, out = np.linalg.norm(gain, axis=0), np.linalg.norm(gain, axis=1)
+    total = max(float(np.linalg.norm(gain)), 1e-300)
+    into[into == 0.0], out[out == 0.0] = total, total
+    return np.asarray(np.log(total) - np.log(into)[:, None] - np.log(out)[None, :])
+
+
+def _beside_poles(plant: Joined) -> ComplexArray:
+    """Points at the poles' frequencies, on the stable side of no pole: off the axis, or outside the circle."""
+    poles = np.linalg.eigvals(plant.A)
+    if plant.dt is not None:
+        return np.asarray(1.3 * np.exp(1j * np.angle(poles))) if poles.size else np.array([1.3 + 0j])
+    moduli = np.abs(poles)
+    kept = moduli[moduli > 1e-3 * np.max(moduli, initial=0.0)]
+    reach = max(float(np.max(poles.real, initial=0.0)), 0.0)
+    return np.asarray(reach + (0.3 + 1.0j) * (kept if kept.size else np.ones(1)))
+
+
+def _response(plant: Joined, points: ComplexArray) -> ComplexArray:
+    """C2 (s - A)^-1 B2 + D22 at points of the complex plane; (k, ny, nu)."""
+    pencil = points[:, None, None] * np.eye(plant.A.shape[0]) - plant.A
+    return np.asarray(plant.C2 @ np.linalg.solve(pencil, plant.B2 + 0j) + plant.D22)
 
 
 def _diagonal(first: FloatArray, second: FloatArray) -> FloatArray:
