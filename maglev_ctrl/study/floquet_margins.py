@@ -53,7 +53,7 @@ def option_margins(
         key = (gain, speed)
         if key not in units:
             law = controller if controller is None or gain == 1.0 else scaled_controller(controller, gain)
-            units[key] = replace(forcing, controller=law).at(speed)
+            units[key] = replace(forcing, model=forcing.model.with_gain(gain), controller=law).at(speed)
         return at_depth(units[key], depth)
 
     try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from maglev_ctrl.analysis.floquet_margins import scaled_controller
 from maglev_ctrl.errors import OutOfDomain
 from maglev_ctrl.scenario import OptionRecord, Scenario, build_option, build_vehicle
 from maglev_ctrl.systems import Controller, SecondOrderSystem, close_loop
@@ -68,6 +69,13 @@ class OptionModel:
             return self.schedule.at(self.scenario.vehicle.car.payload if value is None else value)
         except ValueError as fault:
             raise OutOfDomain(f"the law is not scheduled there: {fault}") from None
+
+    def with_gain(self, factor: float) -> OptionModel:
+        """The model with the commands of its schedule, where it has one, multiplied by a factor."""
+        if self.schedule is None or factor == 1.0:
+            return self
+        laws = tuple(scaled_controller(law, factor) for law in self.schedule.controllers)
+        return replace(self, schedule=replace(self.schedule, controllers=laws))
 
     def vehicle(self, payload: float | None = None) -> Vehicle:
         """The vehicle with the option's elements, at a payload (kg; None = the scenario's)."""

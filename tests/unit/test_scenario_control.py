@@ -129,10 +129,14 @@ def test_a_corner_equal_to_the_design_point_is_fine(write: Write) -> None:
 
 def test_outside_its_schedule_there_is_no_law(write: Write) -> None:
     scenario = load(write("scheduled"))
-    law = Controller.static(np.zeros((1, 1)), measured=("car.heave",), commands=("cylinder_front",))
+    law = Controller.static(-np.ones((1, 1)), measured=("car.heave",), commands=("cylinder_front",))
     schedule = ScheduledController.from_nodes("speed", "m/s", [50.0, 120.0], (law, law))
     model, point = OptionModel(scenario, scenario.options[1], schedule), Situation.of_design(scenario)
     assert model.law_at(point, law) is not None
+    doubled, there = model.with_gain(2.0), Situation(60.0, None, 0.1, None, 0.0)
+    scheduled, twice = model.law_at(there, law), doubled.law_at(there, law)
+    assert scheduled is not None and twice is not None
+    np.testing.assert_array_equal(twice.D, 2.0 * scheduled.D)
     with pytest.raises(OutOfDomain, match=r"not scheduled there: speed: expected 50 to 120 m/s.*got 130"):
         model.law_at(Situation(130.0, None, 0.1, None, 0.0), law)
 

@@ -117,6 +117,7 @@ class OptionFamily:
         law, gain = variant.controller, next((value for quantity, value in values if quantity.name == GAIN), 1.0)
         if law is not None and gain != 1.0:
             law = scaled_controller(law, gain)
+            variant = replace(variant, model=variant.model.with_gain(gain))
         system = self._system(variant, situation, law)
         if self._sizes and len(system.A_0) not in self._sizes:
             at = " and ".join(f"{quantity.name} {value:g} {quantity.unit}".rstrip() for quantity, value in values)
