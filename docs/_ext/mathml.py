@@ -15,13 +15,17 @@ from sphinx.util.math import get_node_equation_number
 LOGGER = logging.getLogger(__name__)
 
 BARS = re.compile(r"<mo>(&#x0007C;|&#x02016;|&#x02225;)</mo>")
+PLUS_MINUS = re.compile(r"<mi>(&#x000B1;|&#x02213;)</mi>")
+ALPHABET = re.compile(r"\\(mathcal|mathbf|mathbb|mathfrak) ([A-Za-z])(?![A-Za-z])")
 ALIGNED = re.compile(r"\\(begin|end)\{(?:aligned|split|align\*?)\}")
 
 
 def to_mathml(latex: str, *, display: str) -> str:
     """MathML of a LaTeX formula; aligned equations become a table of a right and a left column."""
     text = ALIGNED.sub(lambda found: r"\begin{array}{rlrl}" if found[1] == "begin" else r"\end{array}", latex)
+    text = ALPHABET.sub(r"\\\1{\2}", text)  # without braces it becomes an attribute that browsers ignore
     markup = convert(text.strip(), display=display)
+    markup = PLUS_MINUS.sub(r"<mo>\1</mo>", markup)
     # Bars grow with whatever stands beside them, and browsers align cells by style only.
     markup = BARS.sub(r'<mo stretchy="false" lspace="0" rspace="0">\1</mo>', markup)
     markup = re.sub(r'columnalign="(left|right|center)"', r'style="text-align: \1"', markup)
