@@ -305,15 +305,15 @@ def _link_faults(
 
 def _manoeuvre_faults(law: Predictive, here: Layout, *, path: KeyPath) -> Iterator[Fault]:
     turning = ("roll", "pitch", "yaw")
-    freedoms = {f"{body}.{freedom}": freedom in turning for body, names in here.bodies for freedom in names}
-    for key, units in (("start", ("m", "rad")), ("load", ("m/s^2", "rad/s^2"))):
+    kinds = {f"{body}.{one}": "rad" if one in turning else "m" for body, names in here.bodies for one in names}
+    start = kinds | {f"{name}.velocity": f"{unit}/s" for name, unit in kinds.items()}
+    load = {name: f"{unit}/s^2" for name, unit in kinds.items()}
+    for key, known, noun in (("start", start, "freedom or velocity"), ("load", load, "freedom")):
         seen: list[str] = []
         for index, item in enumerate(getattr(law, key)):
             place: KeyPath = (*path, key, index)
-            if item.output not in freedoms:
-                yield Fault(
-                    (*place, "output"), f'no freedom is called "{item.output}"{near_match(item.output, freedoms)}'
-                )
+            if item.output not in known:
+                yield Fault((*place, "output"), f'no {noun} is called "{item.output}"{near_match(item.output, known)}')
                 continue
             if item.output in seen:
                 yield Fault(place, f'"{item.output}" is named twice')
@@ -321,8 +321,7 @@ def _manoeuvre_faults(law: Predictive, here: Layout, *, path: KeyPath) -> Iterat
             if key == "start" and item.output.endswith(".surge"):
                 told = "nothing depends on surge along a uniform guideway; expected another freedom"
                 yield Fault((*place, "output"), told)
-            wanted = dimensions_of(units[freedoms[item.output]])
-            yield from unit_faults(item.output, item.value, wanted, path=(*place, "value"))
+            yield from unit_faults(item.output, item.value, dimensions_of(known[item.output]), path=(*place, "value"))
     if law.sampling_period > 0.0:
         steps = law.duration / law.sampling_period
         if law.duration > 0.0 and not 1.0 <= steps <= STEP_LIMIT:

@@ -216,7 +216,7 @@ class Predictive(Record):
     sampling_period: Time = Field(description="time between two steps")
     horizon: int = Field(30, ge=2, le=200, description="steps looked ahead")
     limits: Many[Limit] = Field((), alias="limit", description="limits on outputs, besides the actuators' force limits")
-    start: Many[Amount] = Field((), description="shown manoeuvre: displaced freedoms at its beginning")
+    start: Many[Amount] = Field((), description="shown manoeuvre: freedoms or velocities at its beginning")
     load: Many[Amount] = Field((), description="shown manoeuvre: constant accelerations of freedoms, from outside")
     duration: Time = Field(5.0, description="shown manoeuvre: how long")
 
