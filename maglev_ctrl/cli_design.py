@@ -104,9 +104,12 @@ def export(
             seconds = Unit("a time", "s", "2 ms", "positive").read(period)
         except ValueError as error:
             raise ModelError(f"--period: {error}") from None
-    failed = [proof for proof in prove_again(found).proofs if not proof.holds]
-    if failed:
-        raise ModelError(f"{file}: {found.name} is not proved and is not exported: {failed[0].statement}")
+    again = prove_again(found)
+    failed = [proof.statement for proof in again.proofs if not proof.holds]
+    if failed or not again.proofs:
+        raise ModelError(
+            f"{file}: {found.name} is not proved and is not exported: {failed[0] if failed else again.reason}"
+        )
     folder = out if out is not None else file.parent
     require_writable(folder, results="exports")
     try:
