@@ -360,7 +360,12 @@ def _scheduled(task: Task, record: Scheduled) -> MadeLaw:
         )  # fmt: skip
     else:
         made = polytopic_lpv(
-            plants, values, parameter=record.over, unit=_UNITS[record.over], time_limit=record.time_limit
+            plants,
+            values,
+            objective="regulator",
+            parameter=record.over,
+            unit=_UNITS[record.over],
+            time_limit=record.time_limit,
         )
     if made.schedule is None:
         made.require()

@@ -26,8 +26,9 @@ from maglev_ctrl.synthesis.lmi.request import MultiObjective
 from maglev_ctrl.synthesis.lmi.scaling import ScaledVertex, Scaling, find_scaling, scale_vertex
 from maglev_ctrl.synthesis.lmi.session import Answer, Clock, solve_problem
 from maglev_ctrl.synthesis.neutral import hidden_modes
-from maglev_ctrl.synthesis.result import Performance, proven, refused
+from maglev_ctrl.synthesis.result import Performance, Synthesis, proven, refused
 from maglev_ctrl.synthesis.scheduling.records import ScheduledDesign, is_box, no_design
+from maglev_ctrl.synthesis.scheduling.regulators import shared_regulators
 from maglev_ctrl.systems import Controller
 from maglev_ctrl.systems.plant import Plant, closed_channel
 from maglev_ctrl.systems.scheduled import ScheduledController
@@ -37,7 +38,8 @@ STRICT = 1e-7
 """How far (scaled, order one) an inequality is kept from its edge."""
 IN_HAND = 1e-6
 """Relative distance of a claimed level from what the matrices give."""
-Objective = Literal["h2", "h_infinity", "decay"]
+Posed = Literal["h2", "h_infinity", "decay"]
+Objective = Literal["regulator", "h2", "h_infinity", "decay"]
 
 
 def polytopic_lpv(
@@ -58,7 +60,8 @@ def polytopic_lpv(
     Parameters
     ----------
     plants, corners : vertices, continuous and all states measured; their parameter values (v,) or (v, k)
-    objective : "h2" (least guaranteed quadratic cost), "h_infinity" (least guaranteed peak gain), or "decay" (any law
+    objective : "regulator" (the vertices' linear-quadratic regulators where one P serves all their blends, else as
+        "h2"), "h2" (least guaranteed quadratic cost), "h_infinity" (least guaranteed peak gain), or "decay" (any law
         with the decay `rate`)
     rate : 1/s, decay of every loop between the vertices
     time_limit : s, for the solver
@@ -82,30 +85,62 @@ def polytopic_lpv(
     unmoved = _unmoved_halfway(plants)
     if unmoved:
         return no_design(refused(LAW, plants, Status.INFEASIBLE, unmoved), values)
-    request = MultiObjective("h2" if objective == "decay" else objective, decay_rate=rate or None)
+    notes = ["one P for every blend of the vertices and laws, at any rate of change"]
+    if objective == "regulator":
+        shared = _by_regulators(plants, values, rate, (parameter, unit), notes)
+        if shared is not None:
+            return shared
+        notes.append("one P does not serve the regulators of the vertices: gains of least guaranteed cost instead")
+    norm_of: Literal["h2", "h_infinity"] = "h_infinity" if objective == "h_infinity" else "h2"
+    request = MultiObjective(norm_of, decay_rate=rate or None)
     scaling = find_scaling(plants, request)
     vertices = [scale_vertex(plant, request, scaling) for plant in plants]
-    answer, pairs = _solve(vertices, objective, rate / scaling.rate, Clock(time_limit))
+    answer, pairs = _solve(vertices, _posed(objective), rate / scaling.rate, Clock(time_limit))
     if not answer.usable:
         reason = "no common Lyapunov matrix was found" if answer.status is Status.INFEASIBLE else answer.status.value
         wanted = f" with a decay of {rate:g} 1/s" if rate else ""
         return no_design(refused(LAW, plants, answer.status, f"{reason}{wanted}"), values)
     X = 0.5 * (answer.values["X"] + answer.values["X"].T)
-    laws = _laws(plants, answer, X, scaling, values, parameter, unit)
+    laws = _laws(plants, answer, X, scaling, values, (parameter, unit))
     inner = np.linalg.inv(X) / scaling.states[:, None] / scaling.states
     P = 0.5 * (inner + inner.T)
     crossed = any(i != j for i, j in pairs)
     every = tuple(range(len(plants)))
     claims: list[Claim] = [DecayClaim(every, every, rate, P[None], cross=crossed)]
-    performance, level = _claims_of_level(claims, plants, laws, P, scaling, objective, answer)
-    notes = ["one P for every blend of the vertices and laws, at any rate of change"]
+    performance, level = _claims_of_level(claims, plants, laws, P, scaling, _posed(objective), answer)
     if np.isfinite(level):
         norm = "H2 norm" if objective == "h2" else "peak gain"
         notes.append(f"{norm} proved below {level:.4g} {'at the vertices' if crossed else 'for every blend'}")
+    synthesis = proven(LAW, plants, laws, claims=claims, performance=performance, status=answer.status, notes=notes)
+    return _design(synthesis, values, laws, (parameter, unit))
+
+
+def _by_regulators(
+    plants: Sequence[Plant], values: FloatArray, rate: float, label: tuple[str, str], notes: Sequence[str]
+) -> ScheduledDesign | None:
+    """The regulators of the vertices with their common proof; None where there is none."""
+    first = plants[0]
+    varies = any(not np.array_equal(plant.B2, first.B2) for plant in plants)
+    shared = shared_regulators(plants, _pairs(len(plants), varies), rate)
+    if shared is None:
+        return None
+    gains, P = shared
+    laws = tuple(_law(first, gain, place, label) for gain, place in zip(gains, values, strict=True))
+    every = tuple(range(len(plants)))
+    closed = [closed_channel(plant, law) for plant, law in zip(plants, laws, strict=True)]
+    poles = max(float(np.max(np.linalg.eigvals(loop[0]).real)) for loop in closed)
     synthesis = proven(
-        LAW, plants, laws, claims=claims, performance=performance, status=answer.status,
-        notes=notes,
+        LAW, plants, laws, claims=[DecayClaim(every, every, rate, P[None], cross=varies)],
+        performance=[Performance("least decay rate at the vertices", np.nan, -poles, "1/s")],
+        notes=(*notes, "the gains are those of the vertices' linear-quadratic regulators"),
     )  # fmt: skip
+    return _design(synthesis, values, laws, label) if synthesis.controllers else None
+
+
+def _design(
+    synthesis: Synthesis, values: FloatArray, laws: tuple[Controller, ...], label: tuple[str, str]
+) -> ScheduledDesign:
+    parameter, unit = label
     if not synthesis.controllers:
         return no_design(synthesis, values)
     schedule = ScheduledController.from_nodes(parameter, unit, values[:, 0], laws) if values.shape[1] == 1 else None
@@ -124,8 +159,8 @@ def _check(plants: Sequence[Plant], corners: FloatArray, objective: str, rate: f
         raise ValueError(f"corners: expected rising values, got {corners[:, 0].tolist()}")
     if corners.shape[1] > 1 and not is_box(corners):
         raise ValueError(f"corners: expected the 2^k corners of a box of {corners.shape[1]} parameters")
-    if objective not in ("h2", "h_infinity", "decay"):
-        raise ValueError(f"objective: expected 'h2', 'h_infinity' or 'decay', got {objective!r}")
+    if objective not in ("regulator", "h2", "h_infinity", "decay"):
+        raise ValueError(f"objective: expected 'regulator', 'h2', 'h_infinity' or 'decay', got {objective!r}")
     if not (np.isfinite(rate) and rate >= 0.0):
         raise ValueError(f"rate: expected a decay rate of at least 0 1/s, got {rate!r}")
     first = plants[0]
@@ -135,9 +170,14 @@ def _check(plants: Sequence[Plant], corners: FloatArray, objective: str, rate: f
         for key in ("states", "disturbances", "commands", "performance"):
             if getattr(plant, key) != getattr(first, key):
                 raise ValueError(f"plants: {plant.name!r} has other {key} than the first")
-        if objective == "h2" and np.any(plant.D11):
+        if _posed(objective) == "h2" and np.any(plant.D11):
             raise ModelError(f"{plant.name!r} passes disturbances straight through (D11): its H2 norm is infinite")
         require_reachable(plant)
+
+
+def _posed(objective: str) -> Posed:
+    """What the inequality is posed for: regulators fall back on the least guaranteed cost."""
+    return "h_infinity" if objective == "h_infinity" else "decay" if objective == "decay" else "h2"
 
 
 def _unmoved_halfway(plants: Sequence[Plant]) -> str:
@@ -147,8 +187,13 @@ def _unmoved_halfway(plants: Sequence[Plant]) -> str:
     return f"in the mean of the vertices the commands cannot move {hidden[0].label}: no law holds it" if hidden else ""
 
 
+def _pairs(count: int, varies: bool) -> list[tuple[int, int]]:
+    """Products of plant and law that occur in the blends: all pairs where the input side varies."""
+    return list(combinations_with_replacement(range(count), 2)) if varies else [(i, i) for i in range(count)]
+
+
 def _solve(
-    vertices: Sequence[ScaledVertex], objective: Objective, rate: float, clock: Clock
+    vertices: Sequence[ScaledVertex], objective: Posed, rate: float, clock: Clock
 ) -> tuple[Answer, list[tuple[int, int]]]:
     """The inequality over vertices, and over pairs where the input side varies; its answer and those pairs."""
     import cvxpy as cp
@@ -164,7 +209,7 @@ def _solve(
         for v, part in zip(vertices, parts, strict=True)
     )
     count = len(vertices)
-    pairs = list(combinations_with_replacement(range(count), 2)) if varies else [(i, i) for i in range(count)]
+    pairs = _pairs(count, varies)
     constraints: list[Any] = [X >> STRICT * np.eye(n)]
     for i, j in pairs:
         moved = 0.5 * sum(vertices[a].A @ X + vertices[a].B @ Y[b] for a, b in ((i, j), (j, i)))
@@ -195,22 +240,24 @@ def _solve(
 
 
 def _laws(
-    plants: Sequence[Plant], answer: Answer, X: FloatArray, scaling: Scaling, corners: FloatArray, parameter: str,
-    unit: str,
+    plants: Sequence[Plant], answer: Answer, X: FloatArray, scaling: Scaling, corners: FloatArray,
+    label: tuple[str, str],
 ) -> tuple[Controller, ...]:  # fmt: skip
-    first = plants[0]
     laws = []
     for i, values in enumerate(corners):
         K = np.linalg.solve(X, answer.values[f"Y{i}"].T).T
-        gain = scaling.commands[:, None] * K / scaling.states
-        name = f"{parameter} {', '.join(f'{x:g}' for x in values)} {unit}".strip()
-        laws.append(Controller.static(gain, measured=first.measured, commands=first.commands, name=name))
+        laws.append(_law(plants[0], scaling.commands[:, None] * K / scaling.states, values, label))
     return tuple(laws)
+
+
+def _law(plant: Plant, gain: FloatArray, values: FloatArray, label: tuple[str, str]) -> Controller:
+    name = f"{label[0]} {', '.join(f'{x:g}' for x in values)} {label[1]}".strip()
+    return Controller.static(gain, measured=plant.measured, commands=plant.commands, name=name)
 
 
 def _claims_of_level(
     claims: list[Claim], plants: Sequence[Plant], laws: Sequence[Controller], P: FloatArray, scaling: Scaling,
-    objective: Objective, answer: Answer,
+    objective: Posed, answer: Answer,
 ) -> tuple[list[Performance], float]:  # fmt: skip
     """Add the claim of the guaranteed level; what it is worth is told beside the worst vertex."""
     every = tuple(range(len(plants)))
