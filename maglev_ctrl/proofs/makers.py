@@ -14,13 +14,16 @@ import scipy.linalg
 
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.errors import ModelError
+from maglev_ctrl.kernels.stable_subspace import stabilising_solution
 from maglev_ctrl.proofs.claims import DecayClaim, EnergyClaim, GainClaim
-from maglev_ctrl.proofs.prove import prove
+from maglev_ctrl.proofs.prove import UNDECIDED, prove
 from maglev_ctrl.systems import Controller
 from maglev_ctrl.systems.plant import Plant, closed_channel
 
 _STEPS = (0.3, 1e-2, 1e-4, 1e-6, 1e-8, 1e-10)
 """Shares of the room below a bound that are spent on strictness, tried from the largest."""
+_NOISE = 1e-20
+"""A Gramian's diagonal entry below this share of the largest is rounding: the state is not reached, or not seen."""
 
 
 def lyapunov_claim(plants: Sequence[Plant], controllers: Sequence[Controller], *, rate: float = 0.0) -> DecayClaim:
@@ -88,7 +91,7 @@ def energy_claim(
         raise ModelError(f"{plant.name}: the H2 norm is {norm:.10g}, not below {level:.10g}")
 
     def tries() -> Iterator[FloatArray]:
-        for spare in _strict_parts(A_b, plant.dt):
+        for spare, _ in _strict_parts(A_b, plant.dt):
             cost = float(np.sum(B_b * (spare @ B_b)))
             for share in (0.5, 0.9, 0.1):
                 yield observed + (share * room / cost if cost > 0.0 else 1.0) * spare
@@ -136,18 +139,13 @@ def bounded_real_claim(
     basis = _balance(A)
     root = np.sqrt(gamma)
     A_b, B_b, C_b = A / basis[:, None] * basis, B / basis[:, None] / root, C * basis / root
-    # second balance: reached and observed alike in every state
-    reached = np.diag(_gramian(A_b.T, B_b @ B_b.T, plant.dt))
-    observed = np.diag(_gramian(A_b, C_b.T @ C_b, plant.dt))
-    if np.all(reached > 0.0) and np.all(observed > 0.0):
-        second = np.exp2(np.round(0.25 * np.log2(reached / observed)))
-        basis = basis * second
-        A_b, B_b, C_b = A_b / second[:, None] * second, B_b / second[:, None], C_b * second
+    second = _even(A_b, B_b, C_b, plant.dt)
+    basis = basis * second
+    A_b, B_b, C_b = A_b / second[:, None] * second, B_b / second[:, None], C_b * second
     D_b = D / gamma
 
     def tries() -> Iterator[FloatArray]:
-        for part in _strict_parts(A_b, plant.dt):
-            weight = _weight(A_b, part, plant.dt)
+        for part, weight in _strict_parts(A_b, plant.dt):
             cost = float(np.sum(B_b * (part @ B_b)))
             for share in _STEPS:
                 size = share / cost if cost > 0.0 else share
@@ -170,7 +168,7 @@ def _decay_matrix(plant: Plant, controller: Controller, rate: float) -> FloatArr
     def made(P: FloatArray) -> DecayClaim:
         return DecayClaim((0,), (0,), rate, P[None])
 
-    tries = _strict_parts(moved / basis[:, None] * basis, plant.dt)
+    tries = (P for P, _ in _strict_parts(moved / basis[:, None] * basis, plant.dt))
     return _first_proved(tries, basis, made, plant, controller)
 
 
@@ -225,21 +223,29 @@ def _gramian(A: FloatArray, Q: FloatArray, dt: float | None) -> FloatArray:
     return P
 
 
-def _strict_parts(A: FloatArray, dt: float | None) -> Iterator[FloatArray]:
-    """P > 0 with a strict Lyapunov inequality: for Q = I, then for Q = I + a share of P, where P is widely spread."""
+def _strict_parts(A: FloatArray, dt: float | None) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """(P, Q) > 0 with A'P + P A + Q = 0 (P - A'P A = Q): for Q = I, then for Q = I + a share of P, widely spread."""
     eye = np.eye(len(A))
-    yield _gramian(A, eye, dt)
+    yield _gramian(A, eye, dt), eye
     poles = np.linalg.eigvals(A)
     for share in (0.5, 0.9):
         if dt is None:
-            yield _gramian(A - share * float(np.max(poles.real)) * eye, eye, dt)
+            slower = -share * float(np.max(poles.real))
+            P = _gramian(A + slower * eye, eye, dt)
+            yield P, eye + 2.0 * slower * P
         else:
-            yield _gramian(A / float(np.max(np.abs(poles), initial=1e-8)) ** share, eye, dt)
+            larger = float(np.max(np.abs(poles), initial=1e-8)) ** share
+            P = _gramian(A / larger, eye, dt)
+            yield P, larger**2 * eye + (1.0 - larger**2) * P
 
 
-def _weight(A: FloatArray, P: FloatArray, dt: float | None) -> FloatArray:
-    weight = -(A.T @ P + P @ A) if dt is None else P - A.T @ P @ A
-    return 0.5 * (weight + weight.T)
+def _even(A: FloatArray, B: FloatArray, C: FloatArray, dt: float | None) -> FloatArray:
+    """Powers of two that make every state reached and observed alike; one for states where either is but rounding."""
+    reached, observed = np.diag(_gramian(A.T, B @ B.T, dt)), np.diag(_gramian(A, C.T @ C, dt))
+    told = (reached > _NOISE * np.max(reached, initial=0.0)) & (observed > _NOISE * np.max(observed, initial=0.0))
+    with np.errstate(all="ignore"):
+        ratio = np.where(told, reached / observed, 1.0)
+    return np.asarray(np.exp2(np.round(0.25 * np.log2(ratio))))
 
 
 def _bounded_real(
@@ -249,11 +255,16 @@ def _bounded_real(
     if B.shape[1] == 0:
         return _gramian(A, Q, dt)
     R = D.T @ D - np.eye(B.shape[1])
-    solve = scipy.linalg.solve_continuous_are if dt is None else scipy.linalg.solve_discrete_are
+    if dt is None:
+        solved = np.linalg.solve(R, np.hstack([S.T, B.T]))
+        cross, into = solved[:, : len(A)], solved[:, len(A) :]
+        rest = Q - S @ cross
+        G = B @ into
+        return stabilising_solution(A - B @ cross, 0.5 * (G + G.T), 0.5 * (rest + rest.T))
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            P = np.asarray(solve(A, B, Q, R, s=S), dtype=float)
+            P = np.asarray(scipy.linalg.solve_discrete_are(A, B, Q, R, s=S), dtype=float)
     except (np.linalg.LinAlgError, ValueError):
         return None
     return 0.5 * (P + P.T) if np.isfinite(P).all() else None
@@ -278,7 +289,8 @@ def _first_proved(
         proof = prove(replace(made(P), plants=(0,), controllers=(0,)), [plant], [controller], exactly=False)
         if proof.holds:
             return P
-        kept.append(P)
+        if proof.reason == UNDECIDED:
+            kept.append(P)
     for P in kept[:3]:
         if prove(replace(made(P), plants=(0,), controllers=(0,)), [plant], [controller]).holds:
             return P

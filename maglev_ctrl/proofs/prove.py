@@ -27,6 +27,8 @@ from maglev_ctrl.systems.plant import Plant
 
 ROUNDED = "rounding bounds"
 RATIONAL = "rational arithmetic"
+UNDECIDED = "undecided"
+"""The reason given where an arithmetic can tell neither that a claim holds nor that it does not."""
 
 
 def prove(claim: Claim, plants: Sequence[Plant], controllers: Sequence[Controller], *, exactly: bool = True) -> Proof:
@@ -69,9 +71,9 @@ def prove(claim: Claim, plants: Sequence[Plant], controllers: Sequence[Controlle
         if rounded is not None:
             return rounded
         if not exactly:
-            return Proof(told, False, np.nan, ROUNDED, "undecided")
+            return Proof(told, False, np.nan, ROUNDED, UNDECIDED)
         exact = _decided(claim, Exact, chosen, laws, dt, blend, told)
-    return exact if exact is not None else Proof(told, False, np.nan, RATIONAL, "undecided")
+    return exact if exact is not None else Proof(told, False, np.nan, RATIONAL, UNDECIDED)
 
 
 def _check_indices(claim: Claim, plants: Sequence[Plant], controllers: Sequence[Controller]) -> None:

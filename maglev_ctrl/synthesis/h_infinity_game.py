@@ -11,14 +11,18 @@ back negative: theta passes a right angle smoothly, so neither "X >= 0" nor "X e
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.linalg import LinAlgError
-from scipy.linalg import matrix_balance, schur, solve_continuous_lyapunov
 
 from maglev_ctrl.arrays import ComplexArray, FloatArray
+from maglev_ctrl.kernels.stable_subspace import (
+    balanced_hamiltonian,
+    newton_refined,
+    stable_subspace,
+    subspace_solution,
+)
 
 LAGRANGIAN = 1e-7
 """Largest departure of U + jV from a unitary matrix; an eigenvalue on the imaginary axis leaves one of order one."""
@@ -73,7 +77,7 @@ def weight_matrix(channel: Channel, gamma: float) -> tuple[FloatArray, FloatArra
     D = np.hstack([channel.D11, channel.D12])
     R = D.T @ D
     m1 = channel.D11.shape[1]
-    R[:m1, :m1] -= gamma**2 * np.eye(m1)
+    R[np.arange(m1), np.arange(m1)] -= gamma * gamma
     return np.hstack([channel.B1, channel.B2]), D, R
 
 
@@ -89,7 +93,7 @@ def solve_game(channel: Channel, gamma: float, *, refine: bool = False) -> Game:
     (True, 3.097167541)
     """
     nothing = Game(gamma, False, False, -np.pi, -1.0)
-    if not gamma > channel.floor:
+    if not (gamma > channel.floor and np.isfinite(gamma * gamma)):
         return nothing
     B, D, R = weight_matrix(channel, gamma)
     try:
@@ -107,10 +111,10 @@ def solve_game(channel: Channel, gamma: float, *, refine: bool = False) -> Game:
     noise = 1e-13 * np.outer(columns, columns) * (1.0 + float(np.linalg.norm(D @ np.linalg.solve(R, D.T))))
     if not all(np.all(np.isfinite(matrix)) for matrix in (F, G, Q)):
         return nothing
-    H, states, scale = _balanced(F, G, Q, np.where(np.abs(Q) > noise, np.abs(Q), 0.0))
+    H, states, scale = balanced_hamiltonian(F, G, Q, np.where(np.abs(Q) > noise, np.abs(Q), 0.0))
     if not np.all(np.isfinite(H)):
         return nothing
-    poles, basis = _stable_subspace(H)
+    poles, basis = stable_subspace(H)
     if basis is None:
         return Game(gamma, False, False, -np.pi, _axis_gap(poles))
     U, V = basis[:n], basis[n:]
@@ -124,11 +128,11 @@ def solve_game(channel: Channel, gamma: float, *, refine: bool = False) -> Game:
     margin = float(np.pi - np.max(full, initial=0.0))
     size = float(np.max(np.abs(poles), initial=1e-300))
     axis = float(np.min(np.abs(poles.real), initial=size) / size) ** 2
-    X = _from_subspace(U, V, states, scale)
+    X = subspace_solution(U, V, states, scale)
     if X is None:
         return Game(gamma, False, True, min(margin, 0.0), axis)
     if refine:
-        X = _refined(X, F, G, Q)
+        X = newton_refined(X, F, G, Q)
     gain = -(cross + into @ X)
     solvable = margin > 0.0
     if solvable and np.any(turned < 0.0):  # never let rounding pass what is not stable
@@ -137,85 +141,8 @@ def solve_game(channel: Channel, gamma: float, *, refine: bool = False) -> Game:
     return Game(gamma, solvable, True, margin, axis, X, gain)
 
 
-def _balanced(F: FloatArray, G: FloatArray, Q: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """Hamiltonian [[F, -G], [-Q, -F']] scaled by a symplectic diagonal in powers of two, and level Q against G.
-
-    `weight` is |Q| without what is rounding alone: that must not set the scale of X.
-    """
-    n = F.shape[0]
-    magnitude = np.abs(np.block([[F, G], [weight, F.T]]))
-    np.fill_diagonal(magnitude, 0.0)
-    with np.errstate(invalid="ignore"):  # its permutation, not used, is cast to integers
-        _, (balance, _) = matrix_balance(magnitude, separate=True, permute=False)
-    states = np.exp2(np.round(0.5 * np.log2(balance[:n] / balance[n:])))
-    G_s, Q_s, F_s = G / np.outer(states, states), Q * np.outer(states, states), F * states / states[:, None]
-    strong, heavy = float(np.linalg.norm(G_s)), float(np.linalg.norm(weight * np.outer(states, states)))
-    level = 1.0
-    if strong > 0.0:  # X is about sqrt(Q / G), or up to 2 F / G where the plant is unstable
-        level = max(np.sqrt(heavy / strong), 0.1 * float(np.linalg.norm(F_s)) / strong)
-    elif heavy > 0.0:
-        level = heavy / max(float(np.linalg.norm(F_s)), 1e-300)
-    level = float(np.exp2(np.round(np.log2(level)))) if level > 0.0 else 1.0
-    return np.block([[F_s, -level * G_s], [-Q_s / level, -F_s.T]]), states, level
-
-
-def _stable_subspace(H: FloatArray) -> tuple[ComplexArray, FloatArray | None]:
-    """All eigenvalues, and an orthonormal basis of the stable ones where they are half of all."""
-    try:
-        T, basis, count = schur(H, output="real", sort="lhp")
-    except LinAlgError:
-        return np.linalg.eigvals(H).astype(np.complex128), None
-    n = H.shape[0] // 2
-    poles = _diagonal_poles(T)
-    return poles, np.asarray(basis[:, :n]) if count == n else None
-
-
-def _diagonal_poles(T: FloatArray) -> ComplexArray:
-    """Eigenvalues of a real Schur form."""
-    size = T.shape[0]
-    values = np.diag(T).astype(np.complex128)
-    k = np.nonzero(np.diag(T, -1))[0]
-    if k.size:
-        root = np.sqrt((T[k, k] - T[k + 1, k + 1]).astype(complex) ** 2 / 4.0 + T[k, k + 1] * T[k + 1, k])
-        middle = 0.5 * (T[k, k] + T[k + 1, k + 1])
-        values[k], values[k + 1] = middle + root, middle - root
-    return values[:size]
-
-
 def _axis_gap(poles: ComplexArray) -> float:
     """Minus the squared half distance of the two closest eigenvalues on the axis, relative to the largest modulus."""
     size = float(np.max(np.abs(poles), initial=1e-300))
     on = np.sort(poles.imag[np.abs(poles.real) <= 1e-7 * size])
     return -((0.5 * float(np.min(np.diff(on))) / size) ** 2) if on.size > 1 else -1.0
-
-
-def _from_subspace(U: FloatArray, V: FloatArray, states: FloatArray, scale: float) -> FloatArray | None:
-    try:
-        X = np.linalg.solve(U.T, V.T)
-    except LinAlgError:
-        return None
-    X = 0.5 * scale * (X + X.T) / np.outer(states, states)
-    return X if np.all(np.isfinite(X)) else None
-
-
-def _refined(X: FloatArray, F: FloatArray, G: FloatArray, Q: FloatArray) -> FloatArray:
-    """Newton steps while they make the residual of F'X + X F - X G X + Q smaller."""
-
-    def residual(P: FloatArray) -> FloatArray:
-        left = F.T @ P
-        return np.asarray(left + left.T - P @ G @ P + Q)
-
-    size = float(np.linalg.norm(residual(X)))
-    for _ in range(3):
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                step = solve_continuous_lyapunov((F - G @ X).T, -residual(X))
-        except (LinAlgError, ValueError):
-            break
-        moved = X + 0.5 * (step + step.T)
-        after = float(np.linalg.norm(residual(moved)))
-        if not after < 0.5 * size:
-            break
-        X, size = moved, after
-    return X
