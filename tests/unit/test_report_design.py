@@ -24,7 +24,7 @@ from maglev_ctrl.report.design import write_design
 from maglev_ctrl.report.design.charts import budget_chart, gain_chart, manoeuvre_chart, poles_chart, region_area
 from maglev_ctrl.report.design.content import design_model
 from maglev_ctrl.report.design.exports import FALLBACK, export_design, sampled_form
-from maglev_ctrl.report.design.tables import budget_table, claim_table, manoeuvre_table
+from maglev_ctrl.report.design.tables import budget_table, claim_table, gain_table, manoeuvre_table
 from maglev_ctrl.report.design.words import claim_words, claims_in_short, gathered, rounded_claim, short_names
 from maglev_ctrl.report.html import html
 from maglev_ctrl.report.model import FigureBlock, Table
@@ -334,6 +334,19 @@ def test_a_sampled_loop_is_proved_before_it_is_written(study: DesignStudy) -> No
     held[0]["D"] = [[-value for value in row] for row in held[0]["D"]]  # a law of the wrong sign, written into the file
     with pytest.raises(ModelError, match="the loop is not stable"):
         export_design(stored, "c")
+
+
+def test_signals_have_their_units(study: DesignStudy) -> None:
+    design = design_of(study, "lqr")
+    header = export_design(design, "c")["lqr.h"].decode()
+    assert "/* car.heave, m */" in header and "/* car.heave.velocity, m/s */" in header
+    assert "/* cylinder_bogie.force, N */" in header and "/* cylinder_bogie, N */" in header
+    table = gain_table(law(study, "lqr"))
+    assert table is not None
+    units = {row[1].text: row[3].text for row in table.rows}
+    assert units["car.heave"] == "N/m" and units["car.heave.velocity"] == "N/(m/s)"
+    held = export_design(design_of(study, "scheduled"), "c")["scheduled.h"].decode()
+    assert "parameter speed, m/s" in held
 
 
 def test_names_become_identifiers(study: DesignStudy) -> None:

@@ -17,14 +17,14 @@ from maglev_ctrl.proofs.makers import lyapunov_claim
 from maglev_ctrl.proofs.prove import prove
 from maglev_ctrl.report.design.schedule_code import python_schedule
 from maglev_ctrl.report.style import number
-from maglev_ctrl.study.design.document import DAMPERS, PREDICTIVE, kind_of, sampled_controllers
+from maglev_ctrl.study.design.document import DAMPERS, PREDICTIVE, kind_of, sampled_controllers, units_of
 from maglev_ctrl.synthesis.discretise import discretise
 from maglev_ctrl.synthesis.sampling import sampled
 from maglev_ctrl.systems import Controller
 
 TARGETS: Final = ("mat", "json", "c", "python")
 FORMAT: Final = "maglev_ctrl controller 1"
-UNITS: Final = "Signals in SI units: m, rad, m/s, rad/s, m/s^2, rad/s^2; commands in N, voltages in V."
+SI: Final = "Signals in SI units: m, rad, m/s, rad/s, m/s^2, rad/s^2, A; commands in N, voltages in V."
 SIGN: Final = "u = K y: the sign of the feedback is in the matrices."
 FALLBACK: Final = (
     "This is the law the predictive controller falls back on, not the predictive controller itself: it keeps no limit."
@@ -171,7 +171,7 @@ def _comment(design: DesignFile, held: SampledForm | None) -> str:
     lines += [FALLBACK] if kind_of(design) == PREDICTIVE else []
     if design.schedule is not None:
         lines.append(f"{_table_words(design.schedule)}; blended linearly between.")
-    lines += [SIGN, UNITS]
+    lines += [SIGN, SI]
     if held is not None:
         lines.append(f"Sampled every {held.period:.10g} s. {held.proved}")
     return "\n".join(lines)
@@ -188,7 +188,7 @@ def _origin(design: DesignFile) -> str:
     stated = extra.get("statements")
     lines = [f"design {design.name}, {design.law}"]
     lines += [f"made {design.created}"] if design.created else []
-    lines += [" ".join(f"{key} {value}" for key, value in design.versions.items())] if design.versions else []
+    lines += [", ".join(f"{key} {value}" for key, value in design.versions.items())] if design.versions else []
     if isinstance(stated, list):
         lines += ["Proved of the law as it was designed:"]
         lines += [f"- {one['statement']}" for one in stated if isinstance(one, dict) and one.get("proved")]
@@ -210,6 +210,7 @@ def _json(design: DesignFile, held: SampledForm | None) -> str:
         "controllers": plain(design.controllers),
         "sampled": None if held is None or not _continuous(design) else
         {"period": held.period, "controllers": plain(held.controllers), "proved": held.proved},
+        "units": units_of(design.extra),
         "schedule": None if schedule is None else
         {"parameter": schedule.parameter, "unit": schedule.unit, "nodes": list(schedule.nodes)},
         "origin": {"law": design.law, "created": design.created, "versions": dict(design.versions),
@@ -231,6 +232,6 @@ def _c(design: DesignFile, held: SampledForm, name: str, origin: str) -> tuple[s
         return c_scheduled_source(
             list(zip(design.schedule.nodes, held.controllers, strict=True)), name,
             parameter=design.schedule.parameter, comment=comment, origin=origin,
-            units={design.schedule.parameter: design.schedule.unit},
+            units=units_of(design.extra) | {design.schedule.parameter: design.schedule.unit},
         )  # fmt: skip
-    return c_source(held.controllers[0], name, comment=comment, origin=origin)
+    return c_source(held.controllers[0], name, comment=comment, origin=origin, units=units_of(design.extra))

@@ -10,6 +10,7 @@ from maglev_ctrl.report.design.words import claim_words, short_names
 from maglev_ctrl.report.model import Cell, Table, cell, row
 from maglev_ctrl.report.style import ABSENT, number
 from maglev_ctrl.study.design.budgeted import shown_damping
+from maglev_ctrl.study.design.document import units_of
 from maglev_ctrl.study.design.records import LawStudy, PredictiveStudy, SampledLaw
 from maglev_ctrl.synthesis.damping.budget import DampingBudget
 
@@ -71,11 +72,20 @@ def gain_table(option: LawStudy) -> Table | None:
         if law.D[i, j] != 0.0
     ]
     entries.sort(key=lambda entry: entry[:2])
-    rows = tuple(row(name, seen, number(value, digits=5)) for name, seen, value in entries[:MOST_ENTRIES])
+    units = units_of(option.document["extra"]) if option.document is not None else {}
+
+    def unit(name: str, seen: str) -> str:
+        per = units.get(seen, "")
+        per = f"({per})" if "/" in per else per
+        return f"{units[name]}/{per}" if per and name in units else "SI"
+
+    rows = tuple(
+        row(name, seen, number(value, digits=5), unit(name, seen)) for name, seen, value in entries[:MOST_ENTRIES]
+    )
     more = len(entries) - len(rows)
-    caption = f"Gains of {option.label}: command in SI units per unit of what is measured, u = gain x measurement"
+    caption = f"Gains of {option.label}: u = gain x measurement"
     caption += f" ({more} more are in design.json)" if more > 0 else ""
-    return Table(caption, ("Command", "Measured", "Gain"), rows, (1.6, 2.2, 1.2), (2,), True)
+    return Table(caption, ("Command", "Measured", "Gain", "Unit"), rows, (1.6, 2.2, 1.2, 1.0), (2,), True)
 
 
 def sampled_table(sampled: SampledLaw) -> Table:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from maglev_ctrl.proofs.claims import Proof
 from maglev_ctrl.proofs.file import DesignFile, Schedule, from_document, recheck, to_document
 from maglev_ctrl.scenario import Scenario
 from maglev_ctrl.study.design.records import LawStudy
+from maglev_ctrl.study.design.signals import signal_units
 from maglev_ctrl.systems import Controller
 
 FORMAT = "maglev_ctrl designs 1"
@@ -24,6 +25,8 @@ SAMPLED = "sampled"
 """Key of `extra` that holds the laws as a computer runs them."""
 KIND = "kind"
 """Key of `extra` that tells what the law is made of."""
+UNITS = "units"
+"""Key of `extra` that holds the SI units of the law's signals, by their names."""
 LAW, DAMPERS, PREDICTIVE = "law", "dampers", "predictive"
 
 
@@ -42,7 +45,9 @@ def design_document(scenario: Scenario, study: LawStudy) -> dict[str, Any] | Non
         return None
     scheduled = study.schedule.schedule if study.schedule is not None else None
     kind = DAMPERS if study.budget is not None else PREDICTIVE if study.predictive is not None else LAW
-    extra: dict[str, Any] = {"option": study.name, "label": study.label, KIND: kind, "statements": [
+    first, option = synthesis.controllers[0], next(o for o in scenario.options if o.name == study.name)
+    units = signal_units(scenario, option, first.measured, first.commands)
+    extra: dict[str, Any] = {"option": study.name, "label": study.label, KIND: kind, UNITS: units, "statements": [
         {"statement": proof.statement, "proved": proof.holds, "margin": proof.margin} for proof in synthesis.proofs
     ]}  # fmt: skip
     if study.sampled is not None:
@@ -74,6 +79,12 @@ def dated(
 ) -> list[dict[str, Any]]:
     """The documents with when and with what they were made."""
     return [{**one, "created": created, "versions": dict(versions)} for one in documents]
+
+
+def units_of(extra: Mapping[str, Any]) -> dict[str, str]:
+    """SI units of a design's signals by their names; empty where the file tells none."""
+    held = extra.get(UNITS)
+    return {str(key): str(unit) for key, unit in held.items()} if isinstance(held, Mapping) else {}
 
 
 def kind_of(design: DesignFile) -> str:

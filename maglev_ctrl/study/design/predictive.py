@@ -131,10 +131,20 @@ def _outputs(
         found.append(_signal(name, unit, scale, limits.get(name, np.nan), runs[0].z[:, i], runs[1].z[:, i]))
     # Outputs of the same course (gaps of one stiff bogie) are shown once.
     distinct: list[Signal] = []
+    alike: list[int] = []
     for one in found:
-        if not any(np.allclose(one.predicted, other.predicted, rtol=1e-9, atol=1e-12) for other in distinct):
+        place = next((k for k, other in enumerate(distinct) if _same(one, other)), None)
+        if place is None:
             distinct.append(one)
-    return distinct
+            alike.append(0)
+        else:
+            alike[place] += 1
+    return [replace(one, name=f"{one.name} (+{more} alike)" if more else one.name)
+            for one, more in zip(distinct, alike, strict=True)]  # fmt: skip
+
+
+def _same(one: Signal, other: Signal) -> bool:
+    return bool(np.allclose(one.predicted, other.predicted, rtol=1e-9, atol=1e-12))
 
 
 def _commands(design: PredictiveDesign, runs: tuple[PredictiveRun, PredictiveRun]) -> list[Signal]:
