@@ -373,3 +373,14 @@ def test_the_folder(study: DesignStudy, tmp_path: Path) -> None:
         [sys.executable, str(tmp_path / "export" / "lqr.py")], capture_output=True, text=True, check=False
     )
     assert made.returncode == 0, made.stderr
+
+
+def test_no_export_overwrites_another(study: DesignStudy, tmp_path: Path) -> None:
+    one, other = law(study, "lqr"), law(study, "worst")
+    assert other.document is not None
+    named = replace(other, document={**other.document, "name": "lqr_sampled"})
+    write_design(replace(study, options=(one, named)), tmp_path)
+    names = sorted(path.name for path in (tmp_path / "export").iterdir())
+    assert [name for name in names if name.endswith(".py")] == ["lqr.py", "lqr_sampled.py", "lqr_sampled_law.py"]
+    text = (tmp_path / "export" / "lqr_sampled.py").read_text(encoding="utf-8")
+    assert "one step every 0.002 s" in text  # still the sampled form of lqr

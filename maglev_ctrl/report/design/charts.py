@@ -15,7 +15,7 @@ from maglev_ctrl.synthesis.lmi.regions import Region, contains
 from maglev_ctrl.systems.scheduled import ScheduledController
 
 MOST_GAINS = 8
-RAYS = 1441
+RAYS = 721
 ALIKE = 1e-3
 """Gains whose changes over the parameter differ by less than this share of the largest are shown once."""
 _HERTZ = 2.0 * np.pi

@@ -42,9 +42,15 @@ def write_design(study: DesignStudy, folder: Path) -> tuple[Path, ...]:
         PAGE: html(report, pictures).encode(), PAPER: pdf(report, pictures),
         FILE: designs_text(documents, created=study.created, versions=study.versions).encode(),
     }  # fmt: skip
+    exported: dict[str, bytes] = {}
     for document in documents:
-        for name, content in _exports(from_document(document)).items():
-            made[f"{EXPORTS}/{name}"] = content
+        design = from_document(document)
+        files = _exports(design)
+        while exported.keys() & files.keys():  # options "a" and "a_sampled" both want a_sampled.py
+            design = replace(design, name=f"{design.name}_law")
+            files = _exports(design)
+        exported |= files
+    made |= {f"{EXPORTS}/{name}": content for name, content in exported.items()}
     return write_whole(made, Path(folder), replaced=[EXPORTS])
 
 
