@@ -15,7 +15,7 @@ from maglev_ctrl.synthesis.lmi import LmiSession, MultiObjective, multi_objectiv
 from maglev_ctrl.systems.plant import Plant
 
 PATH = Path(__file__).parents[3] / "shared" / "data" / "external" / "compleib.json"
-LARGEST = 12
+LARGEST, QUICK = 12, 5
 SESSION = LmiSession()
 TARGETS = {"h2": "sf_h2", "h_infinity": "sf_hinf"}
 
@@ -62,7 +62,12 @@ def _peak(case, gain):
     return max(np.linalg.norm(D11 + C @ np.linalg.solve(1j * w * np.eye(len(A)) - closed, B1), 2) for w in grid)
 
 
-@pytest.mark.parametrize("index", range(max(len(_problems()), 1)), ids=_name)
+def _marked(index):
+    large = bool(_problems()) and _problems()[index][0]["dims"]["nx"] > QUICK
+    return pytest.param(index, id=_name(index), marks=[pytest.mark.slow] if large else [])
+
+
+@pytest.mark.parametrize("index", [_marked(i) for i in range(max(len(_problems()), 1))])
 def test_within_one_percent(index):
     if not _problems():
         pytest.skip("the collection compleib.json is not part of this checkout")

@@ -101,6 +101,7 @@ class TestBounds:
         tied = design([magnet()], MultiObjective("h2", gain_below=0.8 * size))
         assert np.linalg.norm(tied.require().controller.D, 2) < 0.8 * size
 
+    @pytest.mark.slow
     def test_everything_at_once(self):
         region = intersection(damping(0.4), strip(3000.0))
         request = MultiObjective("h2", h_infinity_below=0.02, decay_rate=4.0, region=region, gain_below=1e5)
@@ -153,6 +154,7 @@ class TestVertices:
             B = sum(s * p.B2 for s, p in zip(share, CORNERS, strict=True))
             assert np.max(np.linalg.eigvals(A + B @ found.controller.D).real) < -2.0
 
+    @pytest.mark.slow
     def test_constant_parameters_allow_more(self):
         request = MultiObjective("decay", gain_below=30000.0)
         common = design(CORNERS, request).require()
@@ -175,7 +177,7 @@ class TestRefusals:
 
     def test_a_requirement_that_fails_alone_is_named_alone(self):
         found = design([magnet()], MultiObjective("feasible", decay_rate=1.0, gain_below=100.0))
-        assert found.message == "a gain below 100 cannot be met"
+        assert found.message.startswith("a gain below 100 cannot be met (the test of the gain is sufficient only")
 
     def test_a_decay_rate_without_bound_is_said_to_be_so(self):
         for plants in ([scalar()], CORNERS):
@@ -189,8 +191,12 @@ class TestRefusals:
         started = time.monotonic()
         found = design(CORNERS, MultiObjective("decay", gain_below=30000.0), time_limit=limit)
         assert time.monotonic() - started < limit + 2.0
-        assert found.status is Status.TIME_LIMIT and not found.controllers
-        assert found.message == f"not finished within {limit:g} s"
+        if found.controllers:  # what was reached in time, proved, and said to be no more than that
+            assert limit > 1e-3 and found.status is Status.ALMOST_SOLVED
+            assert any("stopped before its end" in note for note in found.notes)
+        else:
+            assert found.status is Status.TIME_LIMIT
+            assert found.message.startswith(f"not finished within {limit:g} s")
 
     @pytest.mark.parametrize(
         ("plants", "request_", "fault", "words"),

@@ -16,7 +16,6 @@ from maglev_ctrl.proofs.claims import Claim, DecayClaim, EllipsoidClaim, EnergyC
 from maglev_ctrl.proofs.prove import prove
 from maglev_ctrl.synthesis.lmi.problem import USUAL, Optimum, Problem
 from maglev_ctrl.synthesis.lmi.request import MultiObjective, channel_indices
-from maglev_ctrl.synthesis.lmi.stability import closed_loops, parameter_certificate, quadratic_stability
 from maglev_ctrl.synthesis.result import Performance
 from maglev_ctrl.systems import Controller
 from maglev_ctrl.systems.plant import Plant, closed_channel
@@ -25,6 +24,11 @@ ROOM = 1e-6
 """Relative room above the level found, so that the strict inequality of the claim holds."""
 ROOMS = (0.0, 1e-4, 1e-3, 5e-3)
 """Shares by which the level of an objective is raised, in turn, until it can be proved."""
+
+
+SUBJECTS = {EnergyClaim: "the H2 norm", GainClaim: "the H-infinity norm", RegionClaim: "the region of poles"}
+VERTEX_ROOM = 1e-3
+"""Share by which a norm claimed at one vertex lies above its value there."""
 
 
 def state_feedback(problem: Problem, gain: FloatArray, name: str) -> Controller:
@@ -48,16 +52,19 @@ def levels(problem: Problem, optimum: Optimum) -> tuple[float, float]:
     return two, infinity
 
 
-def common_claims(problem: Problem, optimum: Optimum, controller: Controller) -> list[Claim]:
-    """Claims that one Lyapunov matrix proves for all vertices and all that lies between.
+def common_claims(
+    problem: Problem, optimum: Optimum, controller: Controller
+) -> tuple[list[Claim], tuple[str, ...]]:  # fmt: skip
+    """Claims that one Lyapunov matrix proves for all vertices and all that lies between, and notes about them.
 
     The matrix of the solver is X; where X is too rough for a claim, the same inequality is solved again for the law
-    found, each claim with a matrix of its own.
+    found, each claim with a matrix of its own. Where that fails too, norms and region are claimed at the vertices
+    only, and a note says so; the decay of everything between is never given up.
     """
     request, count = problem.request, len(problem.plants)
     plants, laws = tuple(range(count)), (0,) * count
     X = _physical(problem, optimum.values["slack"])
-    P = _inverse(X)
+    P = _certificate(problem, optimum.values["slack"])
     two, infinity = levels(problem, optimum)
     wanted: list[tuple[Claim, MultiObjective]] = [
         (DecayClaim(plants, laws, optimum.rate, P[None]), MultiObjective(decay_rate=optimum.rate or None))
@@ -76,82 +83,91 @@ def common_claims(problem: Problem, optimum: Optimum, controller: Controller) ->
         P_infinity = read_only(P * problem.scaling.h_infinity, name="P")
         claim = GainClaim(plants, laws, infinity, P_infinity[None], names.disturbances, names.performance)
         wanted.append((claim, MultiObjective("h_infinity", h_infinity_channel=names)))
-    claims = [_supported(problem, claim, alone, controller) for claim, alone in wanted]
+    claims: list[Claim] = []
+    notes: list[str] = []
+    for whole, alone in wanted:
+        claim = supported(problem, whole, alone, controller)
+        parts: list[Claim] = []
+        retreat = count > 1 and not prove(claim, problem.plants, [controller]).holds
+        if retreat and isinstance(claim, RegionClaim | EnergyClaim | GainClaim):
+            parts = at_vertices(problem, claim, controller)
+            notes.append(f"{SUBJECTS[type(claim)]} is claimed at the {count} vertices only, not between them")
+        claims += parts or [claim]
     if request.commands is not None:
         claims.append(EllipsoidClaim(plants, laws, _fitted(problem, P)[None], request.commands.limits))
-    return claims
+    return claims, tuple(notes)
 
 
-def vertex_claims(problem: Problem, optimum: Optimum, controller: Controller) -> tuple[list[Claim], str]:
-    """Claims for constant parameters: stability of every blend, norms and regions vertex by vertex."""
+def at_vertices(
+    problem: Problem, claim: RegionClaim | EnergyClaim | GainClaim, controller: Controller
+) -> list[Claim]:  # fmt: skip
+    """The claim about each vertex alone; an objective at its own value there and a little room."""
     request = problem.request
-    loops = closed_loops(problem.plants, controller)
-    claims: list[Claim] = []
-    blends = _blends(problem, loops, optimum.rate)
-    if blends is None:
-        return [], "no parameter-dependent certificate was found for the law"
-    claims.append(blends)
-    two, infinity = levels(problem, optimum)
-    for i, plant in enumerate(problem.plants):
-        blank = np.eye(len(plant.states))[None]
-        if request.region is not None:
-            region = request.region
-            claim: Claim = RegionClaim((i,), (0,), region.label, region.L, region.M, blank)
-            claims.append(_supported(problem, claim, MultiObjective(region=region), controller))
-        if request.has_h2:
-            names = request.h2_channel
-            claim = EnergyClaim((i,), (0,), two, blank, names.disturbances, names.performance)
-            claims.append(_supported(problem, claim, MultiObjective("h2", h2_channel=names), controller))
-        if request.has_h_infinity:
-            names = request.h_infinity_channel
-            claim = GainClaim((i,), (0,), infinity, blank, names.disturbances, names.performance)
-            alone = MultiObjective("h_infinity", h_infinity_channel=names)
-            claims.append(_supported(problem, claim, alone, controller))
-    return claims, ""
-
-
-def _blends(problem: Problem, loops: Sequence[FloatArray], rate: float) -> Claim | None:
-    """Decay of every blend: by one matrix for each vertex or, where that fails, by a common one.
-
-    Conditions for a law (on A') and for the law found (on A) are both sufficient only, so that a decay rate found by
-    the first may have to be lowered for the second; not below what is asked.
-    """
-    shares = (1.0, 0.995, 0.98, 0.95, 0.9) if problem.request.objective == "decay" else (1.0,)
-    for share in shares:
-        slower = max(share * rate, problem.request.decay_rate or 0.0)
-        claim, _ = parameter_certificate(loops, slower, clock=problem.clock, solver=problem.solver)
-        if claim is not None:
-            return claim
-    common = quadratic_stability(loops, time_limit=problem.clock.left, solver=problem.solver)
-    least = (problem.request.decay_rate or 0.0) if problem.request.objective == "decay" else rate
-    if common.stable and isinstance(common.claim, DecayClaim) and common.rate >= least:
-        return common.claim
-    return None
+    found: list[Claim] = []
+    for i in range(len(problem.plants)):
+        one: Claim
+        match claim:
+            case RegionClaim():
+                alone = MultiObjective(region=request.region)
+                one = replace(claim, plants=(i,), controllers=(0,))
+            case EnergyClaim(level=level):
+                alone = MultiObjective("h2", h2_channel=request.h2_channel)
+                if request.objective == "h2" and request.h2_below is None:
+                    level = _energy(problem, i, controller) * (1.0 + VERTEX_ROOM)
+                one = replace(claim, plants=(i,), controllers=(0,), level=level)
+            case GainClaim(gamma=gamma):
+                alone = MultiObjective("h_infinity", h_infinity_channel=request.h_infinity_channel)
+                if request.objective == "h_infinity" and request.h_infinity_below is None:
+                    gamma = min(gamma, _peak(problem, i, controller) * (1.0 + VERTEX_ROOM))
+                one = replace(claim, plants=(i,), controllers=(0,), gamma=gamma)
+        found.append(supported(problem, one, alone, controller))
+    return found
 
 
 def recomputed(problem: Problem, controller: Controller) -> tuple[Performance, ...]:
     """Norms, slowest pole and gain of every closed loop, by Lyapunov equation and Hamiltonian, not by the solver."""
     request = problem.request
     found: list[Performance] = []
-    for plant in problem.plants:
+    for i, plant in enumerate(problem.plants):
         at = f" at {plant.name}" if len(problem.plants) > 1 else ""
-        A, B, C, D = closed_channel(plant, controller)
-        slowest = -float(np.max(np.linalg.eigvals(A).real))
+        slowest = -float(np.max(np.linalg.eigvals(_balanced(problem, plant, controller)[0]).real))
         found.append(Performance(f"decay rate{at}", np.nan, slowest, "1/s"))
         if request.has_h2 and slowest > 0.0:
-            columns, rows = channel_indices(plant, request.h2_channel, "h2")
-            W = solve_continuous_lyapunov(A, -B[:, columns] @ B[:, columns].T)
-            energy = float(np.trace(C[rows] @ W @ C[rows].T))
-            found.append(Performance(f"H2 norm{at}", np.nan, float(np.sqrt(max(energy, 0.0)))))
+            found.append(Performance(f"H2 norm{at}", np.nan, _energy(problem, i, controller)))
         if request.has_h_infinity and slowest > 0.0:
-            columns, rows = channel_indices(plant, request.h_infinity_channel, "h_infinity")
-            try:
-                peak = h_infinity_norm(A, B[:, columns], C[rows], D[np.ix_(rows, columns)]).lower
-            except NotStable:
-                peak = np.inf
-            found.append(Performance(f"H-infinity norm{at}", np.nan, peak))
+            found.append(Performance(f"H-infinity norm{at}", np.nan, _peak(problem, i, controller)))
     found.append(Performance("gain of the law", np.nan, float(np.linalg.norm(controller.D, 2))))
     return tuple(found)
+
+
+def _energy(problem: Problem, vertex: int, controller: Controller) -> float:
+    """H2 norm of one closed loop by its controllability Gramian."""
+    plant = problem.plants[vertex]
+    A, B, C, _ = _balanced(problem, plant, controller)
+    columns, rows = channel_indices(plant, problem.request.h2_channel, "h2")
+    W = solve_continuous_lyapunov(A, -B[:, columns] @ B[:, columns].T)
+    return float(np.sqrt(max(float(np.trace(C[rows] @ W @ C[rows].T)), 0.0)))
+
+
+def _peak(problem: Problem, vertex: int, controller: Controller) -> float:
+    """H-infinity norm of one closed loop by Hamiltonian bisection; infinite where it is not stable."""
+    plant = problem.plants[vertex]
+    A, B, C, D = _balanced(problem, plant, controller)
+    columns, rows = channel_indices(plant, problem.request.h_infinity_channel, "h_infinity")
+    try:
+        return h_infinity_norm(A, B[:, columns], C[rows], D[np.ix_(rows, columns)]).lower
+    except NotStable:
+        return np.inf
+
+
+def _balanced(
+    problem: Problem, plant: Plant, controller: Controller
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """The closed loop in the coordinates of the problem: in newtons and metres a Gramian can lose every digit."""
+    T = problem.transformation
+    A, B, C, D = closed_channel(plant, controller)
+    inner, entry = (np.asarray(np.linalg.solve(T, one), dtype=np.float64) for one in (A @ T, B))
+    return inner, entry, C @ T, D
 
 
 def outside_ellipsoid(request: MultiObjective, claims: Sequence[Claim]) -> str:
@@ -166,17 +182,19 @@ def outside_ellipsoid(request: MultiObjective, claims: Sequence[Claim]) -> str:
 
 
 def _physical(problem: Problem, X: FloatArray) -> FloatArray:
-    T = problem.scaling.states
-    return read_only(0.5 * (X + X.T) * np.outer(T, T), name="X")
+    T = problem.transformation
+    full = T @ (0.5 * (X + X.T)) @ T.T
+    return read_only(0.5 * (full + full.T), name="X")
 
 
-def _inverse(X: FloatArray) -> FloatArray:
-    scale = 1.0 / np.sqrt(np.diag(X))
-    P = np.linalg.inv(X * np.outer(scale, scale)) * np.outer(scale, scale)
+def _certificate(problem: Problem, X: FloatArray) -> FloatArray:
+    """P in physical units, inverted where X is near the identity."""
+    back = np.linalg.inv(problem.transformation)
+    P = back.T @ np.linalg.inv(0.5 * (X + X.T)) @ back
     return read_only(0.5 * (P + P.T), name="P")
 
 
-def _supported(problem: Problem, claim: Claim, alone: MultiObjective, controller: Controller) -> Claim:
+def supported(problem: Problem, claim: Claim, alone: MultiObjective, controller: Controller) -> Claim:
     """The claim with a matrix that proves it, where one is found.
 
     A norm that is the objective has no level to keep to: what cannot be proved at the level the solver found is tried a
@@ -214,12 +232,13 @@ def _polished(problem: Problem, claim: Claim, alone: MultiObjective, controller:
 
 def _direct(problem: Problem, claim: Claim, controller: Controller) -> Claim:
     """Certificate of one closed loop without a semidefinite problem: Lyapunov or Riccati equation, or eigenvectors."""
-    T = problem.scaling.states
-    A, B, C, D = closed_channel(problem.plants[claim.plants[0]], controller)
-    A, B, C = A * T / T[:, None], B / T[:, None], C * T
+    T = problem.transformation
+    A, B, C, D = _balanced(problem, problem.plants[claim.plants[0]], controller)
 
     def back(P: FloatArray) -> FloatArray:
-        return read_only((0.5 * (P + P.T) / np.outer(T, T))[None], name="P")
+        inverse = np.linalg.inv(T)
+        P = inverse.T @ P @ inverse
+        return read_only(0.5 * (P + P.T)[None], name="P")
 
     match claim:
         case DecayClaim():
@@ -229,8 +248,7 @@ def _direct(problem: Problem, claim: Claim, controller: Controller) -> Claim:
         case RegionClaim():
             # X = V V* turns the inequality into that of the poles, one block for each.
             V = np.linalg.eig(A)[1]
-            X = np.asarray((V @ np.conj(V.T)).real, dtype=np.float64)
-            return replace(claim, X=read_only((0.5 * (X + X.T) * np.outer(T, T))[None], name="X"))
+            return replace(claim, X=_physical(problem, np.asarray((V @ np.conj(V.T)).real, dtype=np.float64))[None])
         case EnergyClaim():
             columns, rows = channel_indices(problem.plants[0], problem.request.h2_channel, "h2")
             return replace(claim, P=back(_energy_matrix(A, B[:, columns], C[rows], claim.level)))
@@ -246,7 +264,7 @@ def _solved_again(problem: Problem, claim: Claim, alone: MultiObjective, control
     """The inequality once more for this claim alone, with A + B K for A and no B."""
     chosen = tuple(problem.plants[i] for i in claim.plants)
     scaling = problem.scaling
-    law = scaling.states * controller.D / scaling.commands[:, None]
+    law = problem.scaled(controller.D)
     vertices = []
     for i in claim.plants:
         v = problem.vertices[i]
@@ -262,20 +280,20 @@ def _solved_again(problem: Problem, claim: Claim, alone: MultiObjective, control
         bounds["energy_most"] = (claim.level / scaling.h2) ** 2 * (1.0 - ROOM)
     if isinstance(claim, GainClaim):
         bounds["gamma_most"] = claim.gamma / scaling.h_infinity * (1.0 - ROOM)
-    answer = fixed.solve(USUAL, **bounds)
+    answer = fixed.solve(USUAL, bounds)
     if not answer.usable:
         return claim
     values: Mapping[str, FloatArray] = answer.values
-    X = _physical(problem, values["slack"])
+    X, P = _physical(problem, values["slack"]), _certificate(problem, values["slack"])
     match claim:
         case RegionClaim():
             return replace(claim, X=X[None])
         case EnergyClaim():
-            return replace(claim, P=read_only(_inverse(X)[None] * scaling.h2**2 / scaling.rate, name="P"))
+            return replace(claim, P=read_only(P[None] * scaling.h2**2 / scaling.rate, name="P"))
         case GainClaim():
-            return replace(claim, P=read_only(_inverse(X)[None] * scaling.h_infinity, name="P"))
+            return replace(claim, P=read_only(P[None] * scaling.h_infinity, name="P"))
         case DecayClaim():
-            return replace(claim, P=_inverse(X)[None])
+            return replace(claim, P=P[None])
         case _:
             return claim
 

@@ -110,8 +110,11 @@ class _Builder:
     def lyapunov(self) -> Any:
         """X of one inequality at one vertex, kept away from singular and from infinite."""
         X = self.slack if self.common else self.cp.Variable((self.shape.states, self.shape.states), symmetric=True)
-        if not self.common or not self.constraints:
-            eye = np.eye(self.shape.states)
+        eye = np.eye(self.shape.states)
+        if not self.common:
+            # The trace bounds every eigenvalue of a positive matrix, for less than an inequality of its own.
+            self.constraints += [self.cp.trace(X) <= self.shape.states * self.cap, X >> self.number("least") * eye]
+        elif not self.constraints:
             self.constraints += [X << self.cap * eye, X >> self.number("least") * eye]
         return X
 
@@ -150,15 +153,13 @@ class _Builder:
     def h2(self, i: int, rows: int, columns: int, energy: Any) -> None:
         X, S, R = self.lyapunov(), self.closed(i), self.output(i, "two", rows)
         B = self.matrix(f"Btwo{i}", (self.shape.states, columns))
-        if self.common:
-            Z = self.cp.Variable((columns, columns), symmetric=True)
-            self.negative([[S + S.T], [R, -np.eye(rows)]])
-            self.positive([[Z], [B, X]])
-        else:
+        blocks = [[S + S.T], [R, -np.eye(rows)]]
+        if not self.common:
             eps, G = self.shape.slack, self.slack
-            Z = self.cp.Variable((rows, rows), symmetric=True)
-            self.negative([[S + S.T], [B.T, -np.eye(columns)], [eps * S.T + X - G, None, -eps * (G + G.T)]])
-            self.positive([[Z], [R.T, G + G.T - X]])
+            blocks.append([eps * S.T + X - G, eps * R.T, -eps * (G + G.T)])
+        self.negative(blocks)
+        Z = self.cp.Variable((columns, columns), symmetric=True)
+        self.positive([[Z], [B, X]])
         self.constraints.append(self.cp.trace(Z) <= energy)
 
     def command_limits(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import combinations
 
 from maglev_ctrl.errors import Status
@@ -22,7 +23,7 @@ def conflict(problem: Problem) -> str:
     >>> from maglev_ctrl.systems.plant import Plant
     >>> plant = Plant.from_matrices([[1.0]], [[1.0]], [[1.0]], [[1.0]])
     >>> wish = MultiObjective(decay_rate=5.0, gain_below=2.0)
-    >>> conflict(pose((plant,), wish, session=LmiSession(), clock=Clock(60.0)))
+    >>> conflict(pose((plant,), wish, session=LmiSession(), clock=Clock(60.0))).split(" (")[0]
     'a decay rate of 5 1/s and a gain below 2 cannot both be met: each alone can'
     """
     wanted = requirements(problem.request)
@@ -38,22 +39,32 @@ def conflict(problem: Problem) -> str:
         for chosen in combinations(names, size):
             told = _list([words[name] for name in chosen])
             if size == len(names) and all_told:
-                return _sentence(told, size, scope)
+                return _sentence(told, size, scope, chosen)
             if size == len(names) or solves >= SOLVES_MOST or problem.clock.left <= 0.0:
                 break
             solves += 1
             answer = _feasible(problem, chosen)
             all_told = all_told and answer is not None
             if answer is False:
-                return _sentence(told, size, scope)
-    return f"{scope}not all can be met together: {_list([words[name] for name in names])}"
+                return _sentence(told, size, scope, chosen)
+    return f"{scope}not all can be met together: {_list([words[name] for name in names])}{_caveat(names)}"
 
 
-def _sentence(told: str, size: int, scope: str) -> str:
+def _sentence(told: str, size: int, scope: str, chosen: Sequence[str]) -> str:
+    caveat = _caveat(chosen)
     if size == 1:
-        return f"{scope}{told} cannot be met"
+        return f"{scope}{told} cannot be met{caveat}"
     both, rest = ("both", "each alone can") if size == 2 else ("all", "fewer of them can")
-    return f"{scope}{told} cannot {both} be met: {rest}"
+    return f"{scope}{told} cannot {both} be met: {rest}{caveat}"
+
+
+def _caveat(chosen: Sequence[str]) -> str:
+    """Bounds on gain and commands are met where their inequalities hold; that these fail does not say the opposite."""
+    parts = [word for name, word in (("gain_below", "gain"), ("commands", "commands")) if name in chosen]
+    if not parts:
+        return ""
+    told = " and the ".join(parts)
+    return f" (the test of the {told} is sufficient only: a law that just meets it may be overlooked)"
 
 
 def _feasible(problem: Problem, names: tuple[str, ...] | list[str]) -> bool | None:
@@ -62,7 +73,7 @@ def _feasible(problem: Problem, names: tuple[str, ...] | list[str]) -> bool | No
     weights = {"weigh_sigma": 1.0, "weigh_floor": 0.0 if part.homogeneous else 1.0}
     refuted = False
     for attempt in (USUAL, WIDE):
-        answer = part.solve(attempt, **weights)
+        answer = part.solve(attempt, weights)
         if answer.usable:
             return True
         refuted = refuted or (answer.status is Status.INFEASIBLE and answer.certain)

@@ -9,7 +9,7 @@ import numpy as np
 
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.errors import Status
-from maglev_ctrl.synthesis.lmi.problem import CAPS, TIGHT, USUAL, WIDE, Optimum, Problem
+from maglev_ctrl.synthesis.lmi.problem import CAPS, NOTHING, TIGHT, USUAL, WIDE, Optimum, Problem
 from maglev_ctrl.synthesis.lmi.session import Answer
 
 BACK_OFF = 2e-3
@@ -74,19 +74,21 @@ def _bisected(problem: Problem) -> Optimum:
     low, high = 0.5, np.inf
     best: Answer | None = None
     solves = 0
+    status = Status.NUMERICAL_ERROR
     while high > low * (1.0 + BISECTED) and solves < BISECTIONS:
         level = 2.0 * low if best is None else float(np.sqrt(low * high))
-        answer = problem.solve(USUAL, **{f"{key}_most": min(level**power, asked)})
+        answer = problem.solve(USUAL, {f"{key}_most": min(level**power, asked)})
         solves += 1
         if answer.status is Status.TIME_LIMIT:
-            return Optimum(answer.status, {}, solves=solves)
+            status = answer.status
+            break
         if answer.usable:
             best, high = answer, level
             low = min(low, 0.5 * high)
         else:
             low = level
     if best is None:
-        return Optimum(Status.NUMERICAL_ERROR, {}, solves=solves)
+        return Optimum(status, {}, solves=solves)
     value = high * (scaling.h2 if unit == "h2" else scaling.h_infinity)
     return Optimum(Status.ALMOST_SOLVED, best.values, value, request.decay_rate or 0.0, solves, False)
 
@@ -96,7 +98,7 @@ def _norm(problem: Problem, attempt: int) -> Optimum:
     request, scaling = problem.request, problem.scaling
     key = {"h2": "energy", "h_infinity": "gamma"}.get(request.objective)
     weights: dict[str, Any] = {f"weigh_{key}": 1.0} if key else _gain_weights(problem, 1.0)
-    first = problem.solve(attempt, **weights)
+    first = problem.solve(attempt, weights)
     if not first.usable:
         # A norm is never below zero: "unbounded" is rounding.
         status = Status.NUMERICAL_ERROR if first.status is Status.UNBOUNDED else first.status
@@ -108,18 +110,30 @@ def _norm(problem: Problem, attempt: int) -> Optimum:
         value = float(np.sqrt(square)) * problem.gain_unit if request.objective == "gain" else np.nan
         # The least gain lies on the edge of everything else: any point with a little more gain is inside.
         more = square * (1.0 + (BACK_OFF if request.objective == "gain" else EASE))
-        inside = problem.solve(attempt, gain_square=min(more, problem.numbers(attempt)["gain_square"]))
+        inside = problem.solve(attempt, {"gain_square": min(more, problem.numbers(attempt)["gain_square"])})
         if inside.usable:
             best = inside.values
         return Optimum(first.status, best, value, rate, 2 + count, first.certain)
     value = float(first.values[key])
     share = (1.0 + BACK_OFF) ** (2 if key == "energy" else 1)
+    if problem.regular:
+        norm = float(np.sqrt(max(value, 0.0))) * scaling.h2
+        return Optimum(first.status, _eased(first.values), norm, rate, 1, first.certain)
     # An objective that can be made zero is left there; the floor keeps the second stage from chasing rounding.
     most = max(value * share, value + 1e-6)
     bound = problem.numbers(attempt)[f"{key}_most"]
-    best, count = _least_gain(problem, attempt, first, **{f"{key}_most": min(most, bound)})
+    best, count = _least_gain(problem, attempt, first, {f"{key}_most": min(most, bound)})
     value = np.sqrt(max(value, 0.0)) * scaling.h2 if key == "energy" else value * scaling.h_infinity
     return Optimum(first.status, best, float(value), rate, 1 + count, first.certain)
+
+
+def _eased(values: Mapping[str, FloatArray]) -> Mapping[str, FloatArray]:
+    """The same law with a little more of its Lyapunov matrix P = X^-1: a little more energy, and room everywhere."""
+    share = 1.0 + BACK_OFF
+    return {
+        **values, "slack": values["slack"] / share, "Y": values["Y"] / share,
+        "energy": np.asarray(values["energy"] * share**2),
+    }  # fmt: skip
 
 
 def _gain_weights(problem: Problem, ratio: float) -> dict[str, float]:
@@ -127,13 +141,13 @@ def _gain_weights(problem: Problem, ratio: float) -> dict[str, float]:
 
 
 def _least_gain(
-    problem: Problem, attempt: int, start: Answer, **changes: Any
+    problem: Problem, attempt: int, start: Answer, changes: Mapping[str, Any] = NOTHING
 ) -> tuple[Mapping[str, FloatArray], int]:  # fmt: skip
     """Smallest sigma / floor from a feasible point: sigma - ratio floor, ratio updated (Dinkelbach 1967)."""
     best = start.values
     for count in range(GAIN_STEPS[problem.request.objective]):
         ratio = float(best["sigma"] / best["floor"])
-        answer = problem.solve(attempt, **changes, **_gain_weights(problem, ratio))
+        answer = problem.solve(attempt, {**changes, **_gain_weights(problem, ratio)})
         if not answer.usable:
             return best, count + 1
         smaller = float(answer.values["sigma"] / answer.values["floor"])
@@ -153,26 +167,27 @@ def _decay(problem: Problem, attempt: int) -> Optimum:
     def attempt_at(rate: float) -> Answer:
         nonlocal count
         count += 1
-        return problem.solve(attempt, twice_rate=2.0 * rate, **_gain_weights(problem, 1.0))
+        return problem.solve(attempt, {"twice_rate": 2.0 * rate, **_gain_weights(problem, 1.0)})
 
     answer = attempt_at(low)
     if not answer.usable:
         return Optimum(answer.status, {}, solves=count, certain=answer.certain)
     best, high = answer, max(2.0 * low, 0.125)
+    late = False  # then what was reached is the answer, and said to be no more than that
     while True:
         answer = attempt_at(high)
-        if answer.status is Status.TIME_LIMIT:
-            return Optimum(answer.status, {}, solves=count)
+        late = answer.status is Status.TIME_LIMIT
         if not answer.usable:
             break
         low, best, high = high, answer, 2.0 * high
         if high > RATE_MOST:
             return Optimum(Status.UNBOUNDED, {}, solves=count)
-    for _ in range(RATE_STEPS):
+    for _ in range(0 if late else RATE_STEPS):
         middle = 0.5 * (low + high)
         answer = attempt_at(middle)
-        if answer.status is Status.TIME_LIMIT:
-            return Optimum(answer.status, {}, solves=count)
+        late = answer.status is Status.TIME_LIMIT
+        if late:
+            break
         if answer.usable:
             low, best = middle, answer
         else:
@@ -181,5 +196,6 @@ def _decay(problem: Problem, attempt: int) -> Optimum:
     if problem.request.gain_below is None and square > 0.25 * CAPS[attempt][1]:
         return Optimum(Status.UNBOUNDED, {}, solves=count)  # only the cap on the gain holds it
     rate = max((1.0 - BACK_OFF) * low, (problem.request.decay_rate or 0.0) / unit)
-    values, more = _least_gain(problem, attempt, best, twice_rate=2.0 * rate)
-    return Optimum(best.status, values, low * unit, rate * unit, count + more)
+    values, more = _least_gain(problem, attempt, best, {"twice_rate": 2.0 * rate})
+    status = Status.ALMOST_SOLVED if late else best.status
+    return Optimum(status, values, low * unit, rate * unit, count + more, not late)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,8 @@ import numpy as np
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.errors import Status
 from maglev_ctrl.synthesis.lmi.conditions import Lyapunov, Shape
-from maglev_ctrl.synthesis.lmi.request import MultiObjective, channel_indices
+from maglev_ctrl.synthesis.lmi.coordinates import Norm, compressed, distinct, in_basis, regulator_basis
+from maglev_ctrl.synthesis.lmi.request import MultiObjective
 from maglev_ctrl.synthesis.lmi.scaling import ScaledVertex, Scaling, find_scaling, scale_vertex
 from maglev_ctrl.synthesis.lmi.session import Answer, Clock, LmiSession, Solver
 from maglev_ctrl.systems.plant import Plant
@@ -21,17 +23,21 @@ LOOSE = 1e6
 CAPS = ((1e5, 1e6), (1e4, 1e4), (1e8, 1e12))
 """Cap on the scaled Lyapunov matrix (and on its inverse) and on the square of the scaled gain: usual, tight, wide."""
 USUAL, TIGHT, WIDE = range(3)
+NOTHING: Mapping[str, Any] = MappingProxyType({})
+PRICED = 1e-5
+"""Share of each command in the scaled energy above which it counts as priced."""
 TRACE = 1e-7
 """Price of the trace of the Lyapunov matrix, which keeps directions that no norm sees from growing to the cap."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Problem:
-    """Vertices, request, and how they are solved."""
+    """Vertices, request, and how they are solved; x = scaling.states * (basis @ x of the vertices)."""
 
     plants: tuple[Plant, ...]
     request: MultiObjective
     scaling: Scaling
+    basis: FloatArray
     vertices: tuple[ScaledVertex, ...]
     session: LmiSession
     clock: Clock
@@ -52,13 +58,13 @@ class Problem:
         sizes: dict[str, Any] = {}
         for key, used in (("h2", request.has_h2), ("h_infinity", request.has_h_infinity)):
             if used:
-                columns, rows = channel_indices(first, getattr(request, f"{key}_channel"), key)
-                sizes[key] = (len(rows), len(columns))
+                B, C = getattr(self.vertices[0], key)[:2]
+                sizes[key] = (C.shape[0], B.shape[1])
         commands = request.commands
         corners = 0 if commands is None or commands.initial_states is None else len(commands.initial_states)
         region = request.region
         return Shape(
-            len(self.plants), len(first.states), len(first.commands), **sizes,
+            len(distinct(self.vertices)), len(first.states), len(first.commands), **sizes,
             decay=request.decay_rate is not None or request.objective == "decay",
             region=None if region is None else tuple(tuple(float(x) for x in row) for row in region.M),
             corners=corners, box=commands is not None and commands.allowed is not None, lyapunov=self.lyapunov,
@@ -75,14 +81,14 @@ class Problem:
             "gain_square": gain_square, "gamma_most": LOOSE, "energy_most": LOOSE, "reach": 1.0,
         }  # fmt: skip
         found["floor_least" if self.homogeneous else "weigh_trace"] = 1.0 if self.homogeneous else TRACE
-        for i, vertex in enumerate(self.vertices):
+        for i, vertex in enumerate(self.vertices[j] for j in distinct(self.vertices)):
             found |= {f"A{i}": vertex.A, f"B{i}": vertex.B}
             found |= {f"{k}two{i}": x for k, x in zip("BCD", vertex.h2, strict=True)}
             found |= {f"{k}infinity{i}": x for k, x in zip("BCD", vertex.h_infinity[:3], strict=True)}
             found[f"Dthrough{i}"] = vertex.h_infinity[3]
         if request.gain_below is not None or request.objective == "gain":
             # K = S K_scaled / T: the physical norm of K, with both metrics brought to order one.
-            found |= {"state_metric": np.diag(self._metric[0]), "command_metric": np.diag(self._metric[1])}
+            found |= {"state_metric": self._metric[0], "command_metric": self._metric[1]}
         if request.gain_below is not None:
             found["gain_square"] = (request.gain_below * (1.0 - 1e-6)) ** 2 / self.gain_unit**2
         if request.decay_rate is not None:
@@ -97,13 +103,23 @@ class Problem:
 
     @property
     def _metric(self) -> tuple[FloatArray, FloatArray]:
-        states, commands = 1.0 / self.scaling.states**2, 1.0 / self.scaling.commands**2
-        return states / np.max(states), commands / np.max(commands)
+        back = np.linalg.inv(self.transformation)
+        states, commands = back @ back.T, 1.0 / self.scaling.commands**2
+        return states / self._state_unit, np.diag(commands / np.max(commands))
+
+    @property
+    def _state_unit(self) -> float:
+        return float(np.linalg.norm(np.linalg.inv(self.transformation), 2)) ** 2
+
+    @property
+    def transformation(self) -> FloatArray:
+        """T (n, n): x = T @ x of the vertices, in physical units."""
+        return np.asarray(self.scaling.states[:, None] * self.basis, dtype=np.float64)
 
     @property
     def gain_unit(self) -> float:
         """Physical gain for sigma = floor in the metrics of the gain bound."""
-        return float(np.min(self.scaling.commands) / np.min(self.scaling.states))
+        return float(np.min(self.scaling.commands)) * float(np.sqrt(self._state_unit))
 
     def _commands(self) -> dict[str, Any]:
         commands, scaling = self.request.commands, self.scaling
@@ -112,22 +128,55 @@ class Problem:
         found: dict[str, Any] = {"limits": (np.array(commands.limits) / scaling.commands) ** 2}
         if commands.initial_states is not None:
             for k, state in enumerate(np.asarray(commands.initial_states, dtype=float)):
-                found[f"corner{k}"] = (state / scaling.states)[:, None]
+                found[f"corner{k}"] = np.linalg.solve(self.transformation, state)[:, None]
         if commands.allowed is not None:
             allowed = np.asarray(commands.allowed, dtype=float) / scaling.states
-            found |= {"allowed": allowed**2, "present": np.diag((allowed > 0.0).astype(float))}
+            # Rows of T^-1 that an initial state can reach, transposed: (T^-1)' X^-1 T^-1 is P of the scaled states.
+            present = np.diag((allowed > 0.0).astype(float))
+            found |= {"allowed": allowed**2, "present": np.linalg.solve(self.basis, present)}
         return found
 
-    def solve(self, attempt: int, **changes: Any) -> Answer:
+    def solve(self, attempt: int, changes: Mapping[str, Any] = NOTHING) -> Answer:
         """One solve with the numbers of an attempt, some of them changed."""
         return self.session.solve(
-            self.shape, self.numbers(attempt) | changes, clock=self.clock, solver=self.solver
+            self.shape, self.numbers(attempt) | dict(changes), clock=self.clock, solver=self.solver
         )  # fmt: skip
 
     def gain(self, values: Mapping[str, FloatArray]) -> FloatArray:
         """K in physical units, u = K x."""
         scaled = np.linalg.solve(values["slack"].T, values["Y"].T).T
-        return np.asarray(self.scaling.commands[:, None] * scaled / self.scaling.states, dtype=np.float64)
+        law = np.linalg.solve(self.basis.T, scaled.T).T
+        return np.asarray(self.scaling.commands[:, None] * law / self.scaling.states, dtype=np.float64)
+
+    def scaled(self, gain: FloatArray) -> FloatArray:
+        """K of the vertices' coordinates, from physical units."""
+        return np.asarray(gain @ self.transformation / self.scaling.commands[:, None], dtype=np.float64)
+
+    @property
+    def regular(self) -> bool:
+        """The H2 norm is made small, every command is priced, and no other wish has the law on its edge.
+
+        The best law is then one of ordinary gain, and no second problem has to look for it.
+        """
+        request = self.request
+        if request.objective != "h2" or request.has_h_infinity or request.region is not None:
+            return False
+        if request.gain_below is not None or request.commands is not None or request.h2_below is not None:
+            return False
+        return all(float(np.linalg.eigvalsh(D.T @ D)[0]) > PRICED for _, _, D in (one.h2 for one in self.vertices))
+
+    @property
+    def plain(self) -> bool:
+        """The coordinates are those of the scaling alone."""
+        return bool(np.array_equal(self.basis, np.eye(len(self.basis))))
+
+    def in_plain_coordinates(self) -> Problem:
+        """The same problem in the coordinates of the scaling alone."""
+        other = pose(
+            self.plants, self.request, session=self.session, clock=self.clock, solver=self.solver,
+            lyapunov=self.lyapunov, plain=True,
+        )  # fmt: skip
+        return replace(other, slack=self.slack)
 
     def with_request(self, request: MultiObjective) -> Problem:
         """The same vertices and scales, asked something else."""
@@ -142,8 +191,9 @@ def pose(
     clock: Clock,
     solver: Solver = "CLARABEL",
     lyapunov: Lyapunov = "common",
+    plain: bool = False,
 ) -> Problem:
-    """The problem of a request, scaled.
+    """The problem of a request, scaled; `plain` without the basis of the regulator.
 
     Examples
     --------
@@ -152,8 +202,12 @@ def pose(
     True
     """
     scaling = find_scaling(plants, request)
-    vertices = tuple(scale_vertex(plant, request, scaling) for plant in plants)
-    return Problem(plants, request, scaling, vertices, session, clock, solver, lyapunov)
+    scaled = [scale_vertex(plant, request, scaling) for plant in plants]
+    wanted: tuple[tuple[Norm, bool], ...] = (("h2", request.has_h2), ("h_infinity", request.has_h_infinity))
+    norms = [key for key, used in wanted if used]
+    basis = regulator_basis(scaled, norms) if norms and not plain else np.eye(len(scaling.states))
+    vertices = compressed([in_basis(one, basis) for one in scaled])
+    return Problem(plants, request, scaling, basis, vertices, session, clock, solver, lyapunov)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

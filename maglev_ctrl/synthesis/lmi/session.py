@@ -46,6 +46,16 @@ class Clock:
         """Seconds left, never negative."""
         return max(0.0, self._end - time.monotonic())
 
+    def part(self, share: float) -> Clock:
+        """A clock that has a share of what is left, so that something is left for what follows.
+
+        Examples
+        --------
+        >>> Clock(0.0).part(0.5).left
+        0.0
+        """
+        return Clock(share * self.left)
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Answer:

@@ -9,13 +9,14 @@ import numpy as np
 
 from maglev_ctrl.errors import Status
 from maglev_ctrl.proofs.claims import Claim
+from maglev_ctrl.synthesis.lmi.blends import vertex_claims
+from maglev_ctrl.synthesis.lmi.candidates import Candidate, candidates, largest_energy, least_energy
 from maglev_ctrl.synthesis.lmi.certify import (
     common_claims,
     outside_ellipsoid,
     recomputed,
     same_names,
     state_feedback,
-    vertex_claims,
 )
 from maglev_ctrl.synthesis.lmi.conditions import Lyapunov
 from maglev_ctrl.synthesis.lmi.conflicts import conflict
@@ -27,8 +28,6 @@ from maglev_ctrl.synthesis.result import Synthesis, proven, refused
 from maglev_ctrl.systems.plant import Plant
 
 LAW = "multi-objective state feedback"
-SLACKS = (0.3, 0.03)
-"""Scaled time constants tried for the slack equation; towards zero a common matrix is the special case."""
 AGREE = 1e-3
 """Relative difference allowed between two solvers' optima."""
 WORDS = {"h2": "H2 norm", "h_infinity": "H-infinity norm", "decay": "decay rate", "gain": "gain of the law"}
@@ -80,40 +79,35 @@ def multi_objective(
         return refused(LAW, named, Status.TIME_LIMIT, _late(clock))
     kept = session if session is not None else LmiSession()
     posed = pose(named, request, session=kept, clock=clock, solver=solver, lyapunov=lyapunov)
-    candidates = _candidates(posed)
-    found = [(problem, optimum) for problem, optimum in candidates if optimum.values]
-    if not found:
-        return _failed(*candidates[-1])
-    for problem, optimum in found:
-        design = _finished(problem, optimum, cross_check)
+    reached: list[str] = []
+    design = refused(LAW, named, Status.NUMERICAL_ERROR, "nothing was tried")
+    for one in candidates(posed):
+        if not one.optimum.values:
+            return _failed(one.problem, one.optimum)
+        design = _finished(one, cross_check)
         if design.controllers:
             return design
-    late = design.status is Status.NOT_VERIFIED and clock.left <= 0.0
-    return refused(LAW, named, Status.TIME_LIMIT, _late(clock)) if late else design
+        reached.append(_reached(one, design))
+    if design.status is Status.NOT_VERIFIED and clock.left <= 0.0:
+        return refused(LAW, named, Status.TIME_LIMIT, f"{_late(clock)}; {'; '.join(reached)}")
+    return design
 
 
-def _finished(problem: Problem, optimum: Optimum, cross_check: bool) -> Synthesis:
-    notes = _notes(problem, optimum)
+def _finished(one: Candidate, cross_check: bool) -> Synthesis:
+    problem, optimum = one.problem, one.optimum
+    notes = _notes(problem, optimum) + ((one.note,) if one.note else ())
     if cross_check:
-        disagreement = _second_opinion(problem, optimum)
+        disagreement = _second_opinion(one.searched, optimum)
         if disagreement:
             return refused(LAW, problem.plants, Status.NOT_VERIFIED, disagreement)
         notes += ("CVXOPT finds the same optimum",)
     return _released(problem, optimum, notes)
 
 
-def _candidates(problem: Problem) -> list[tuple[Problem, Optimum]]:
-    """Optima, best first: one for a common matrix, one for each time constant of the slack equation otherwise."""
-    if problem.lyapunov == "common":
-        return [(problem, optimise(problem))]
-    found: list[tuple[Problem, Optimum]] = []
-    for slack in SLACKS:
-        trial = replace(problem, slack=slack)
-        found.append((trial, optimise(trial)))
-        if found[-1][1].values and problem.request.objective == "feasible":
-            break
-    sign = -1.0 if problem.request.objective == "decay" else 1.0
-    return sorted(found, key=lambda one: sign * one[1].objective if one[1].objective == one[1].objective else np.inf)
+def _reached(one: Candidate, design: Synthesis) -> str:
+    """What there was of a law that is not handed out."""
+    worst = f" (H2 norm {largest_energy(one.problem, one.optimum):.6g})" if one.problem.request.has_h2 else ""
+    return f"a law was found{worst} and not proved: {design.message}"
 
 
 def _released(problem: Problem, optimum: Optimum, notes: tuple[str, ...]) -> Synthesis:
@@ -121,8 +115,10 @@ def _released(problem: Problem, optimum: Optimum, notes: tuple[str, ...]) -> Syn
     request = problem.request
     controller = state_feedback(problem, problem.gain(optimum.values), "state feedback")
     claims: list[Claim]
+    missing = ""
     if problem.lyapunov == "common":
-        claims, missing = common_claims(problem, optimum, controller), ""
+        claims, told = common_claims(problem, optimum, controller)
+        notes += told
     else:
         claims, missing = vertex_claims(problem, optimum, controller)
     size = float(np.linalg.norm(controller.D, 2))
@@ -141,10 +137,17 @@ def _notes(problem: Problem, optimum: Optimum) -> tuple[str, ...]:
     objective = problem.request.objective
     found = [f"{optimum.solves} semidefinite problems solved by {problem.solver}"]
     if objective in WORDS:
+        given = "room to prove it" if problem.regular else "a smaller gain"
         found.append(
-            f"best bound on the {WORDS[objective]} {optimum.objective:.6g}; up to {BACK_OFF:.1%} of it given up for a "
-            "smaller gain"
+            f"best bound on the {WORDS[objective]} {optimum.objective:.6g}; up to {BACK_OFF:.1%} of it given up for "
+            f"{given}"
         )
+    if objective == "h2" and len(problem.plants) > 1 and not np.isnan(least := least_energy(problem)):
+        worst = largest_energy(problem, optimum)
+        found.append(f"H2 norm at the worst vertex {worst:.6g}; no one law stays below {least:.6g} at every vertex")
+    if not optimum.certain:
+        late = " (the time was up)" if problem.clock.left <= 0.0 else ""
+        found.append(f"the search stopped before its end{late}, or the solver was not sure: a better law may exist")
     if problem.lyapunov != "common":
         found.append("stability is proved for every constant blend of the vertices; norms and regions at the vertices")
     return tuple(found)

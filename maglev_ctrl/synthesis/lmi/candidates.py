@@ -1,0 +1,184 @@
+"""Laws to be proved, best first: of a common matrix, of a matrix for each vertex, of another solver."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
+
+import numpy as np
+from scipy.linalg import LinAlgError, solve_continuous_are, solve_continuous_lyapunov
+
+from maglev_ctrl.arrays import FloatArray
+from maglev_ctrl.errors import Status
+from maglev_ctrl.synthesis.lmi.optimise import HARD, optimise
+from maglev_ctrl.synthesis.lmi.problem import PRICED, Optimum, Problem
+
+SLACKS = (0.2, 0.03)
+"""Scaled time constants tried for the slack equation; towards zero a common matrix is the special case."""
+NEAR = 1.02
+"""Ratio of the H2 norm at the worst vertex to the least that any law has there, at which the search stops."""
+SHARE = 0.7
+"""Share of the time left that one search may take; the rest is for its proof."""
+HARDER = 1.1
+"""Ratio of the decay rate asked to the rate claimed, where the latter was not proved at first."""
+SECOND_SOLVER_LEAST, SECOND_SOLVER_STATES = 10.0, 12
+"""Seconds that must be left, and most states, for a solver that knows no time limit."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Candidate:
+    """An optimum and the problem it belongs to; `note` on how it was come by."""
+
+    problem: Problem
+    optimum: Optimum
+    note: str = ""
+    source: Problem | None = None
+
+    @property
+    def searched(self) -> Problem:
+        """The problem whose optimum it is, where claims are made for another."""
+        return self.source or self.problem
+
+
+def candidates(problem: Problem) -> Iterator[Candidate]:
+    """Candidates, the best first; the last one tells why where there is none with values.
+
+    Examples
+    --------
+    >>> from maglev_ctrl.synthesis.lmi.problem import pose
+    >>> from maglev_ctrl.synthesis.lmi.request import MultiObjective
+    >>> from maglev_ctrl.synthesis.lmi.session import Clock, LmiSession
+    >>> from maglev_ctrl.systems.plant import Plant
+    >>> plant = Plant.from_matrices([[1.0]], [[1.0]], [[1.0]], [[1.0]])
+    >>> posed = pose((plant,), MultiObjective("gain"), session=LmiSession(), clock=Clock(60.0))
+    >>> [one.optimum.status.name for one in candidates(posed)]
+    ['SOLVED']
+    """
+    if problem.lyapunov == "common":
+        yield _common(problem)
+        return
+    found = _vertexwise(problem)
+    useful = [one for one in found if one.optimum.values]
+    if not useful:
+        yield from found[-1:]
+    for one in sorted(useful, key=_worth):
+        yield one
+        # Asked for more: the candidate was not proved. A decay rate that came by itself may have too little room.
+        if one.searched.request.decay_rate is None and one.problem.request.decay_rate is not None:
+            again = _demanding(one.problem)
+            if again.optimum.values:
+                yield again
+
+
+def _common(problem: Problem) -> Candidate:
+    """The optimum for one matrix; in plain coordinates, and by CVXOPT, where there is none and there is time."""
+    first = Candidate(problem, optimise(problem))
+    if not first.optimum.values and first.optimum.status not in HARD and not problem.plain:
+        first = Candidate(plain := problem.in_plain_coordinates(), optimise(plain))
+    stumbled = first.optimum.status in (Status.NUMERICAL_ERROR, Status.ITERATION_LIMIT)
+    if not stumbled or problem.solver != "CLARABEL" or find_spec("cvxopt") is None:
+        return first
+    if problem.clock.left < SECOND_SOLVER_LEAST or len(problem.scaling.states) > SECOND_SOLVER_STATES:
+        return first
+    other = replace(problem, solver="CVXOPT")
+    note = f"CLARABEL ended with {first.optimum.status.name}; the answer is CVXOPT's"
+    second = Candidate(other, optimise(other), note)
+    return second if second.optimum.values else first
+
+
+def _vertexwise(problem: Problem) -> list[Candidate]:
+    """A common matrix first, which is a special case and quick; then a matrix for each vertex, as time allows."""
+    request, clock = problem.request, problem.clock
+    common = replace(problem, lyapunov="common", clock=clock.part(SHARE))
+    found = [replace(_common(common), note="the law of a common matrix, which serves constant parameters as well")]
+    if found[0].optimum.values:
+        found[0] = replace(found[0], source=found[0].problem, problem=problem)
+    least = least_energy(problem) if request.objective == "h2" else np.nan
+    for slack in SLACKS:
+        best = min((_worth(one) for one in found if one.optimum.values), default=np.inf)
+        if best <= NEAR * least or (request.objective == "feasible" and np.isfinite(best)):
+            break
+        trial = replace(problem, slack=slack, clock=clock.part(SHARE))
+        if trial.clock.left <= 0.0:
+            break
+        found.append(_relaxed(trial))
+        found[-1] = replace(found[-1], problem=replace(found[-1].problem, clock=clock))
+    return found
+
+
+def _relaxed(problem: Problem) -> Candidate:
+    """A matrix for each vertex and a slack; a decay rate that a law of small norm has anyway is not asked for.
+
+    That halves the problem. The rate is among the claims all the same.
+    """
+    request = problem.request
+    note = f"matrices of the vertices with a slack of {problem.slack:g} scaled time constants"
+    if request.decay_rate is not None and request.objective in ("h2", "h_infinity"):
+        free = problem.with_request(replace(request, decay_rate=None))
+        optimum = optimise(free)
+        if optimum.values and _slowest(problem, optimum) > request.decay_rate:
+            return Candidate(problem, replace(optimum, rate=request.decay_rate), note, free)
+        if not optimum.values:
+            return Candidate(problem, optimum, note)
+    return Candidate(problem, optimise(problem), note)
+
+
+def _demanding(problem: Problem) -> Candidate:
+    """With the decay rate among the inequalities, and a little more than the rate that is to be proved."""
+    rate = problem.request.decay_rate or 0.0
+    harder = replace(
+        problem.with_request(replace(problem.request, decay_rate=HARDER * rate)), clock=problem.clock.part(SHARE)
+    )
+    note = f"matrices of the vertices with a slack of {problem.slack:g} scaled time constants, and the decay asked for"
+    return Candidate(problem, replace(optimise(harder), rate=rate), note, harder)
+
+
+def _worth(one: Candidate) -> float:
+    """What a candidate is judged by, small is good: its H2 norm at the worst vertex, or the solver's objective."""
+    request, optimum = one.problem.request, one.optimum
+    if request.objective == "h2":
+        return largest_energy(one.problem, optimum)
+    if np.isnan(optimum.objective):
+        return 0.0
+    return -optimum.objective if request.objective == "decay" else optimum.objective
+
+
+def _slowest(problem: Problem, optimum: Optimum) -> float:
+    """Decay rate of the slowest pole of all vertices, 1/s."""
+    K = _law(optimum)
+    return problem.scaling.rate * min(-float(np.max(np.linalg.eigvals(v.A + v.B @ K).real)) for v in problem.vertices)
+
+
+def largest_energy(problem: Problem, optimum: Optimum) -> float:
+    """H2 norm at the worst vertex, by Lyapunov equation; infinite where a vertex is not stable."""
+    K, worst = _law(optimum), 0.0
+    for v in problem.vertices:
+        closed, C = v.A + v.B @ K, v.h2[1] + v.h2[2] @ K
+        if np.max(np.linalg.eigvals(closed).real) >= 0.0:
+            return np.inf
+        P = solve_continuous_lyapunov(closed.T, -C.T @ C)
+        worst = max(worst, float(np.trace(v.h2[0].T @ P @ v.h2[0])))
+    return float(np.sqrt(worst)) * problem.scaling.h2
+
+
+def least_energy(problem: Problem) -> float:
+    """H2 norm below which no law stays at every vertex: the largest of the vertices' own regulators.
+
+    NaN where no vertex prices all its commands, so that its regulator has no equation.
+    """
+    worst = 0.0
+    for v in problem.vertices:
+        B, C, D = v.h2
+        if float(np.linalg.eigvalsh(D.T @ D)[0]) < PRICED:
+            continue
+        try:
+            P = solve_continuous_are(v.A, v.B, C.T @ C, D.T @ D, s=C.T @ D)
+        except (LinAlgError, ValueError):
+            continue
+        worst = max(worst, float(np.trace(B.T @ P @ B)))
+    return float(np.sqrt(worst)) * problem.scaling.h2 if worst > 0.0 else np.nan
+
+
+def _law(optimum: Optimum) -> FloatArray:
+    return np.asarray(np.linalg.solve(optimum.values["slack"].T, optimum.values["Y"].T).T, dtype=np.float64)
