@@ -18,7 +18,9 @@ import pytest
 from design_fixture import law, small_study
 
 from maglev_ctrl.errors import ModelError, Verdict
+from maglev_ctrl.proofs.claims import DecayClaim
 from maglev_ctrl.proofs.file import DesignFile, from_document
+from maglev_ctrl.proofs.makers import energy_claim
 from maglev_ctrl.report.chart import Area, Chart, Line
 from maglev_ctrl.report.design import write_design
 from maglev_ctrl.report.design.charts import budget_chart, gain_chart, manoeuvre_chart, poles_chart, region_area
@@ -33,7 +35,9 @@ from maglev_ctrl.study.design.records import DesignStudy
 from maglev_ctrl.synthesis.damping.budget import damping_budget
 from maglev_ctrl.synthesis.damping.places import DampingPlace
 from maglev_ctrl.synthesis.lmi.regions import contains, damping, disk, half_plane, intersection
-from maglev_ctrl.systems import SecondOrderSystem
+from maglev_ctrl.synthesis.result import proven
+from maglev_ctrl.systems import Controller, SecondOrderSystem
+from maglev_ctrl.systems.plant import Plant
 
 UNIT = re.compile(r"\((1/s|rad/s|Hz|dB|%|kN s/m|s|m/s|km/h)\)$|^(mm|kN|m/s\^2|m/s|deg|deg/s)$")
 COMPILER = shutil.which("cc")
@@ -119,6 +123,13 @@ def test_poles_and_gains_are_those_of_the_study(study: DesignStudy) -> None:
     assert np.max(10.0 ** (line.y / 20.0)) == pytest.approx(np.max(one.gain.closed_loop))
     said = float(re.search(r"stay below ([\d.]+)\.", gain.caption)[1])  # type: ignore[index]
     assert said >= one.gain.level
+    steady = replace(one.corners[0], open_loop=np.array([-1.0 + 1.0j, -1.0 - 1.0j]))
+    calm = gain_chart(replace(one, corners=(steady,)))
+    assert calm is not None and "unstable" not in calm.caption
+    falling = replace(one.corners[0], open_loop=np.array([-1.0 + 0.0j, 1.0 + 0.0j]))
+    warned = gain_chart(replace(one, corners=(falling,)))
+    assert warned is not None and "Without the law the loop is unstable" in warned.caption
+    assert any(getattr(item, "label", "") == "without the law, unstable" for item in warned.panels[0].items)
     assert poles_chart(replace(one, corners=())) is None and gain_chart(replace(one, gain=None)) is None
 
 
@@ -166,6 +177,21 @@ def test_claims_in_few_words(study: DesignStudy) -> None:
     assert any(words.startswith("NOT PROVED: ") and "too fast" in words for words in claims_in_short(failed))
     table = claim_table(replace(law(study, "scheduled"), synthesis=failed))
     assert [row[1].text for row in table.rows] == ["✗ FAIL", "✓ PASS"] and table.rows[0][3].text == "too fast"
+
+
+def test_one_bound_for_several_points_is_the_weakest() -> None:
+    plant = Plant.from_matrices([[1.0]], [[1.0]], [[1.0]], [[1.0]])
+    plants = (plant, replace(plant, A=plant.A - 1.0), replace(plant, A=plant.A - 2.0))
+    law = Controller.static([[-3.0]], measured=("x1",), commands=("u1",))
+    claims = [DecayClaim((i,), (0,), rate, np.ones((1, 1, 1))) for i, rate in enumerate((1.90009, 2.5, 3.5))]
+    claims.append(DecayClaim((0, 1, 2), (0, 0, 0), 1.0, np.ones((1, 1, 1))))
+    made = proven("demo", plants, [law], claims=claims)
+    first, second = claims_in_short(made)
+    assert first == "every pole of the closed loop decays at 1.9 1/s or faster (at each of 3 operating points)"
+    assert second.startswith("every pole of each of the 3 closed loops")
+    norms = [energy_claim(plants[i], law, level, index=i) for i, level in enumerate((0.6, 0.5, 0.7))]
+    (bound,) = claims_in_short(proven("demo", plants, [law], claims=norms))
+    assert bound.endswith("is below 0.7 (at each of 3 operating points)")
 
 
 def test_names_in_few_words() -> None:

@@ -60,8 +60,10 @@ def gain_chart(study: LawStudy) -> Chart | None:
         return None
     curve = study.gain
     x = np.log10(curve.frequency / _HERTZ)
+    opened = study.corners[0].open_loop.real if study.corners else np.zeros(0)
+    unstable = bool(np.max(opened, initial=-np.inf) >= 0.0)
     items: list[Item] = [
-        Line(x, _decibel(curve.open_loop), "without the law", FADED, "dash"),
+        Line(x, _decibel(curve.open_loop), "without the law" + (", unstable" if unstable else ""), FADED, "dash"),
         Line(x, _decibel(curve.closed_loop), "with the law", colour(1)),
     ]
     if np.isfinite(curve.level):
@@ -72,6 +74,8 @@ def gain_chart(study: LawStudy) -> Chart | None:
     proved = (
         f" It is proved to stay below {number(round_up(curve.level), digits=4)}." if np.isfinite(curve.level) else ""
     )
+    if unstable:
+        proved += " Without the law the loop is unstable and settles to no such response."
     return Chart(
         key=f"{study.name}-gain",
         caption=f"Largest gain of {study.label} at the design point, from disturbances in units of their density to "

@@ -15,6 +15,8 @@ from maglev_ctrl.study.design.records import LawStudy, PredictiveStudy, SampledL
 from maglev_ctrl.synthesis.damping.budget import DampingBudget
 
 MOST_ENTRIES = 60
+MOST_ROWS = 6
+"""More rows than this are set small."""
 MOST_PLACES = 4
 """A table of more places than this tells the cost of each alone in the figure only."""
 _METHODS = {"tustin": "Tustin's rule", "hold": "held measurements"}
@@ -44,7 +46,7 @@ def performance_table(option: LawStudy) -> Table:
         for one in option.synthesis.performance
     )  # fmt: skip
     caption = f"Numbers of {option.label}: as the synthesis reports them, and computed again by independent code"
-    return Table(caption, ("Quantity", "Reported", "Recomputed"), rows, (2.4, 1.2, 1.2), (1, 2))
+    return Table(caption, ("Quantity", "Reported", "Recomputed"), rows, (3.6, 1.0, 1.0), (1, 2), len(rows) > MOST_ROWS)
 
 
 def corner_table(option: LawStudy) -> Table:

@@ -7,14 +7,16 @@ import re
 from collections.abc import Sequence
 from typing import Final
 
-from maglev_ctrl.proofs.claims import Claim, Proof, SegmentClaim
+from maglev_ctrl.proofs.claims import Proof, SegmentClaim
 from maglev_ctrl.report.style import number
 from maglev_ctrl.synthesis.result import Synthesis
 
 DIGITS: Final = 4
 _NUMBER: Final = re.compile(
-    r"(?P<before>decays at |moves at |below |< )?(?<![\w.])(?P<value>\d+\.\d+(?:e[+-]?\d+)?|\d{6,})"
+    r"(?P<before>decays at |moves at |above |below |< )?(?<![\w.])(?P<value>\d+\.\d+(?:e[+-]?\d+)?|\d{6,})"
 )
+_BOUND: Final = re.compile(r"(?P<before>decays at |below )(?P<value>[\d.]+(?:e[+-]?\d+)?)")
+_SEGMENTS: Final = "segments"
 _WIDTH: Final = re.compile(r", [\d.e+-]+ wide,")
 _NUMBERED: Final = re.compile(r"([A-Za-z_][\w.]*?)(\d+)([A-Za-z_.]*)")
 _LIST: Final = re.compile(r"[A-Za-z_][\w.]*(?:, [A-Za-z_][\w.]*)+")
@@ -32,31 +34,41 @@ def claim_words(synthesis: Synthesis, place: int) -> str:
 
 
 def claims_in_short(synthesis: Synthesis) -> tuple[str, ...]:
-    """The claims for a terminal: those that say the same of several operating points are told once."""
+    """The claims for a terminal: what is said of several operating points is told once, with the weakest bound."""
     told: dict[str, list[int]] = {}
-    for place, proof in enumerate(synthesis.proofs):
-        claim = synthesis.claims[place]
-        if isinstance(claim, SegmentClaim) and proof.holds:
-            told.setdefault("segments", []).append(place)
+    for place, (claim, proof) in enumerate(zip(synthesis.claims, synthesis.proofs, strict=True)):
+        if not proof.holds:
+            key = f"NOT PROVED: {_short(proof)} ({proof.reason})"
+        elif isinstance(claim, SegmentClaim):
+            key = _SEGMENTS
         else:
-            key = _short(proof)
-            told.setdefault(key if proof.holds else f"NOT PROVED: {key} ({proof.reason})", []).append(place)
-    return tuple(_told(synthesis, key, places) for key, places in told.items())
+            key = _BOUND.sub(lambda found: found["before"], proof.statement) if len(claim.plants) == 1 else str(place)
+        told.setdefault(key, []).append(place)
+    return tuple(key if key.startswith("NOT") else _told(synthesis, places) for key, places in told.items())
+
+
+def _told(synthesis: Synthesis, places: Sequence[int]) -> str:
+    claims = [synthesis.claims[place] for place in places]
+    segments = [claim for claim in claims if isinstance(claim, SegmentClaim)]
+    if segments:
+        slowest = round_down(min(claim.speed_limit for claim in segments))
+        count = len({i for one in segments for i in one.plants})
+        return (
+            f"the loop is stable everywhere between {count} nodes while the parameter moves at "
+            f"{number(slowest, digits=DIGITS)} per second or slower"
+        )
+    found = [(_BOUND.search(synthesis.proofs[place].statement), place) for place in places]
+    bounds = [(float(one["value"]), place) for one, place in found if one is not None]
+    place = places[0]
+    if bounds:
+        above = any(one is not None and one["before"] == "below " for one, _ in found)
+        place = (max if above else min)(bounds)[1]
+    words = _short(synthesis.proofs[place])
+    return words if len(places) == 1 else f"{words} (at each of {len(places)} operating points)"
 
 
 def _short(proof: Proof) -> str:
     return rounded_claim(proof.statement.partition(" (L + s M")[0])
-
-
-def _told(synthesis: Synthesis, words: str, places: Sequence[int]) -> str:
-    if words == "segments":
-        slowest = min(_speed(synthesis.claims[place]) for place in places)
-        count = len(places) + 1
-        return (
-            f"the loop is stable everywhere between {count} nodes while the parameter moves at "
-            f"{number(round_down(slowest), digits=DIGITS)} per second or slower"
-        )
-    return words if len(places) == 1 else f"{words} (at each of {len(places)} operating points)"
 
 
 def rounded_claim(statement: str) -> str:
@@ -72,7 +84,7 @@ def rounded_claim(statement: str) -> str:
 
     def short(found: re.Match[str]) -> str:
         before, value = found["before"] or "", float(found["value"])
-        if before in ("decays at ", "moves at "):
+        if before in ("decays at ", "moves at ", "above "):
             value = _toward(value, down=True)
         elif before:
             value = _toward(value, down=False)
@@ -150,8 +162,3 @@ def _toward(value: float, *, down: bool) -> float:
     if (nearest <= value) if down else (nearest >= value):
         return nearest
     return float(f"{nearest - unit if down else nearest + unit:.{DIGITS}g}")
-
-
-def _speed(claim: Claim) -> float:
-    assert isinstance(claim, SegmentClaim)
-    return claim.speed_limit
