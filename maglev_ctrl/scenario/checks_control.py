@@ -8,6 +8,7 @@ from typing import assert_never
 
 from maglev_ctrl.scenario.checks_values import product, time_faults, unit_faults
 from maglev_ctrl.scenario.control_schema import (
+    Amount,
     HookedLaw,
     Lqg,
     Lqi,
@@ -72,8 +73,9 @@ def control_faults(option: OptionRecord, here: Layout, commands: Commands, *, pa
                 )
             if law.back_off <= 1.0:
                 yield Fault((*place, "back_off"), f"expected a factor above 1, got {law.back_off:g}")
-            if law.law == "h2" and "back_off" in law.model_fields_set:
-                yield Fault((*place, "back_off"), "an H2 law has no gamma to back off from; remove it", at_key=True)
+            for key in ("back_off", "gain_bound"):
+                if law.law == "h2" and key in law.model_fields_set:
+                    yield Fault((*place, key), f"an H2 law has no gamma that {key} could move; remove it", at_key=True)
         case OutputFeedback():
             yield from _link_faults(option, law, here, commands, path=place)
             if law.objective == "h2" and law.order == 0:
@@ -95,6 +97,7 @@ def control_faults(option: OptionRecord, here: Layout, commands: Commands, *, pa
         yield from _noise_faults(option, law.law, path=path)
     if isinstance(law, MultiObjective):
         yield from _requirement_faults(law, path=place)
+        yield from _hold_faults(option, law, here, path=place)
 
 
 def budget_faults(option: OptionRecord, *, path: KeyPath) -> Iterator[Fault]:
@@ -303,25 +306,47 @@ def _link_faults(
             yield Fault((*path, "links"), f'the actuator "{name}" sees no sensor')
 
 
-def _manoeuvre_faults(law: Predictive, here: Layout, *, path: KeyPath) -> Iterator[Fault]:
+def start_units(here: Layout) -> tuple[dict[str, str], dict[str, str]]:
+    """Freedoms and velocities a vehicle may start with, and freedoms an acceleration may load, with their units."""
     turning = ("roll", "pitch", "yaw")
     kinds = {f"{body}.{one}": "rad" if one in turning else "m" for body, names in here.bodies for one in names}
     start = kinds | {f"{name}.velocity": f"{unit}/s" for name, unit in kinds.items()}
-    load = {name: f"{unit}/s^2" for name, unit in kinds.items()}
+    return start, {name: f"{unit}/s^2" for name, unit in kinds.items()}
+
+
+def _state_faults(items: Sequence[Amount], known: Mapping[str, str], noun: str, *, path: KeyPath) -> Iterator[Fault]:
+    """Unknown or doubled names, positions along a uniform guideway, and units."""
+    seen: list[str] = []
+    for index, item in enumerate(items):
+        place: KeyPath = (*path, index)
+        if item.output not in known:
+            yield Fault((*place, "output"), f'no {noun} is called "{item.output}"{near_match(item.output, known)}')
+            continue
+        if item.output in seen:
+            yield Fault(place, f'"{item.output}" is named twice')
+        seen.append(item.output)
+        if path[-1] != "load" and item.output.endswith(".surge"):
+            told = "nothing depends on surge along a uniform guideway; expected another freedom"
+            yield Fault((*place, "output"), told)
+        yield from unit_faults(item.output, item.value, dimensions_of(known[item.output]), path=(*place, "value"))
+
+
+def _hold_faults(option: OptionRecord, law: MultiObjective, here: Layout, *, path: KeyPath) -> Iterator[Fault]:
+    if not law.hold_from:
+        return
+    yield from _state_faults(law.hold_from, start_units(here)[0], "freedom or velocity", path=(*path, "hold_from"))
+    for actuator in option.actuators:
+        if actuator.force_limit is None:
+            reason = f'hold_from needs a force_limit of the actuator "{actuator.name}"'
+            yield Fault((*path, "hold_from"), reason, at_key=True)
+    if law.lyapunov != "common":
+        yield Fault((*path, "hold_from"), 'expected lyapunov = "common" with it', at_key=True)
+
+
+def _manoeuvre_faults(law: Predictive, here: Layout, *, path: KeyPath) -> Iterator[Fault]:
+    start, load = start_units(here)
     for key, known, noun in (("start", start, "freedom or velocity"), ("load", load, "freedom")):
-        seen: list[str] = []
-        for index, item in enumerate(getattr(law, key)):
-            place: KeyPath = (*path, key, index)
-            if item.output not in known:
-                yield Fault((*place, "output"), f'no {noun} is called "{item.output}"{near_match(item.output, known)}')
-                continue
-            if item.output in seen:
-                yield Fault(place, f'"{item.output}" is named twice')
-            seen.append(item.output)
-            if key == "start" and item.output.endswith(".surge"):
-                told = "nothing depends on surge along a uniform guideway; expected another freedom"
-                yield Fault((*place, "output"), told)
-            yield from unit_faults(item.output, item.value, dimensions_of(known[item.output]), path=(*place, "value"))
+        yield from _state_faults(getattr(law, key), known, noun, path=(*path, key))
     if law.sampling_period > 0.0:
         steps = law.duration / law.sampling_period
         if law.duration > 0.0 and not 1.0 <= steps <= STEP_LIMIT:

@@ -122,6 +122,9 @@ class RiccatiLaw(_Disturbed):
     back_off: PositiveRatio = Field(
         1.05, description="H-infinity only: the design's gamma over the smallest possible, above 1"
     )
+    gain_bound: PositiveRatio | None = Field(
+        None, description="H-infinity only: largest gain of the law, SI units; gamma is raised until it is met"
+    )
 
 
 class MultiObjective(_Disturbed):
@@ -136,7 +139,12 @@ class MultiObjective(_Disturbed):
     decay_rate: Rate | None = Field(None, description="every pole decays at least this fast")
     damping_ratio: PositiveRatio | None = Field(None, description="every pole has at least this damping ratio (sector)")
     fastest: Rate | None = Field(None, description="no pole is farther than this from the origin (disk)")
-    gain_below: PositiveRatio | None = Field(None, description="bound on the gain, commands and states as scaled")
+    gain_below: PositiveRatio | None = Field(
+        None, description="bound on the gain: its largest singular value, SI units"
+    )
+    hold_from: Many[Amount] = Field(
+        (), description="freedoms or velocities and how far off they may start without any command meeting its limit"
+    )
     corners: Corners | None = Field(None, description="operating points the law has to hold at")
     lyapunov: Literal["common", "parameter_dependent"] = Field(
         "common", description="common: holds for any variation between the corners; parameter_dependent: for slow ones"

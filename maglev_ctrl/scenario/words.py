@@ -144,6 +144,10 @@ def _bounds(law: MultiObjective) -> str:
         ("poles within {:g} 1/s", law.fastest), ("gain below {:g}", law.gain_below),
     ]  # fmt: skip
     words = "".join(f", {text.format(value)}" for text, value in given if value is not None)
+    if law.hold_from:
+        words += ", commands within their limits from " + " and ".join(
+            f"{item.output} {item.value.text}" for item in law.hold_from
+        )
     if law.corners is None:
         return words
     matrices = "one Lyapunov matrix" if law.lyapunov == "common" else "a Lyapunov matrix for each"

@@ -52,7 +52,7 @@ from maglev_ctrl.systems.plant import Plant, closed_channel
 from maglev_ctrl.systems.scheduled import ScheduledController
 
 if TYPE_CHECKING:
-    from maglev_ctrl.synthesis.lmi.request import Objective
+    from maglev_ctrl.synthesis.lmi.request import CommandLimits, Objective
     from maglev_ctrl.synthesis.predictive.design import PredictiveDesign
 
 _OBJECTIVES: dict[str, Objective] = {
@@ -290,7 +290,7 @@ def _riccati(task: Task, record: RiccatiLaw) -> MadeLaw:
         best = h2_state_feedback(plant) if states else h2_output_feedback(plant)
         return MadeLaw(_adopted(task, best.synthesis), corners)
     feedback = h_infinity_state_feedback if states else h_infinity_output_feedback
-    made = feedback(plant, back_off=record.back_off)
+    made = feedback(plant, back_off=record.back_off, gain_bound=record.gain_bound)
     return MadeLaw(_adopted(task, made.synthesis), corners)
 
 
@@ -311,11 +311,30 @@ def _multi_objective(task: Task, record: MultiObjective) -> MadeLaw:
     request = Request(
         objective=_OBJECTIVES[record.objective], h2_below=record.h2_below, h_infinity_below=record.h_infinity_below,
         decay_rate=record.decay_rate, region=region, gain_below=record.gain_below,
+        commands=_command_limits(task, record, plants[0]),
     )  # fmt: skip
     made = multi_objective(
         plants, request, lyapunov=record.lyapunov, cross_check=record.cross_check, time_limit=record.time_limit
     )
     return MadeLaw(_adopted(task, made), corners, region=region)
+
+
+def _command_limits(task: Task, record: MultiObjective, plant: Plant) -> CommandLimits | None:
+    """The actuators' force limits, to be kept from every start the law names."""
+    from maglev_ctrl.synthesis.lmi.request import CommandLimits
+
+    if not record.hold_from:
+        return None
+    limits = {actuator.name: actuator.force_limit for actuator in task.model.vehicle().actuators}
+    allowed = np.zeros(len(plant.states))
+    for item in record.hold_from:
+        if item.output not in plant.states:
+            raise ModelError(f"hold_from: {item.output!r} is no state of the model: {', '.join(plant.states)}")
+        allowed[plant.states.index(item.output)] = item.value.value
+    return CommandLimits(
+        limits=tuple(float(limits.get(name) or np.inf) for name in plant.commands),
+        allowed=read_only(allowed, name="allowed"),
+    )
 
 
 def _output_feedback(task: Task, record: OutputFeedback) -> MadeLaw:
