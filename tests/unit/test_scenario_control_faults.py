@@ -27,6 +27,7 @@ CONTROL, BUDGET = "option[1].control", "option[1].damping_budget"
 NODES = 'nodes = ["200 km/h", "450 km/h"]'
 INTEGRAL = '[{ output = "car.heave", value = "5 mm*s" }]'
 CORNERS = 'corners = { speed = ["450 km/h"] }'
+HOLD = 'h2_below = 9\nhold_from = [{{ output = "{}", value = "{}" }}]'
 LIMIT = '[{ output = "stroke", value = "40 mm" }]'
 START = '[{ output = "car.heave", value = "20 mm" }]'
 LINKS = '[["car_velocity", "cylinder"], ["stroke", "cylinder"]]'
@@ -118,15 +119,14 @@ CASES: list[tuple[str, str, str, str, str, list[str]]] = [
     ("multi_objective", "payload = [", "paylod = [", "corners", f"{CONTROL}.corners.paylod",
      ['did you mean "payload"?']),
     # starts from which no command meets its limit
-    ("multi_objective", "h2_below = 9", 'h2_below = 9\nhold_from = [{ output = "car.heav", value = "1 mm" }]', "hold_from",
-     f"{CONTROL}.hold_from[0].output", ["no freedom or velocity is called", 'did you mean "car.heave"?']),
-    ("multi_objective", "h2_below = 9", 'h2_below = 9\nhold_from = [{ output = "car.heave", value = "1 N" }]', "hold_from",
-     f"{CONTROL}.hold_from[0].value", ["expected a length"]),
-    ("multi_objective", "h2_below = 9",
-     'h2_below = 9\nlyapunov = "parameter_dependent"\nhold_from = [{ output = "car.heave", value = "1 mm" }]',
+    ("multi_objective", "h2_below = 9", HOLD.format("car.heav", "1 mm"), "hold_from", f"{CONTROL}.hold_from[0].output",
+     ["no freedom or velocity is called", 'did you mean "car.heave"?']),
+    ("multi_objective", "h2_below = 9", HOLD.format("car.heave", "1 N"), "hold_from", f"{CONTROL}.hold_from[0].value",
+     ["expected a length"]),
+    ("multi_objective", "h2_below = 9", HOLD.format("car.heave", "1 mm") + '\nlyapunov = "parameter_dependent"',
      "hold_from", f"{CONTROL}.hold_from", ['expected lyapunov = "common"']),
-    ("h_infinity", 'feedback = "states"', 'feedback = "states"\ngain_bound = 0.0', "gain_bound", f"{CONTROL}.gain_bound",
-     ["above zero"]),
+    ("h_infinity", 'feedback = "states"', 'feedback = "states"\ngain_bound = 0.0', "gain_bound",
+     f"{CONTROL}.gain_bound", ["above zero"]),
     ("h2", 'feedback = "sensors"', 'feedback = "sensors"\ngain_bound = 2.0', "gain_bound", f"{CONTROL}.gain_bound",
      ["an H2 law has no gamma that gain_bound could move"]),
     # links
