@@ -1,29 +1,37 @@
-"""Certificate matrices of a finished loop, for syntheses that make none: Lyapunov and bounded-real, kept strict.
+"""Claims about finished loops with certificate matrices for them: decay, peak gain, H2 norm; each kept strict.
 
-Nothing made here is trusted: a claim is made with ordinary rounding and proved elsewhere.
+For every synthesis that brings no matrices of its own. Each claim made here has been proved once, and is proved again
+by whoever carries it. Strict inequalities are what can be proved with rounding, so the claims that follow a number
+(`decay_claim`, `tightest_claim`) are a little weaker than it; how much is tried from tight to loose.
 """
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
+from typing import TypeVar
 
 import numpy as np
-import scipy.linalg
 
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.errors import ModelError
-from maglev_ctrl.kernels.stable_subspace import stabilising_solution
+from maglev_ctrl.proofs.candidates import balance, bounded_real_solution, even_scales, gramian, strict_parts
 from maglev_ctrl.proofs.claims import DecayClaim, EnergyClaim, GainClaim
 from maglev_ctrl.proofs.prove import UNDECIDED, prove
 from maglev_ctrl.systems import Controller
 from maglev_ctrl.systems.plant import Plant, closed_channel
 
+C = TypeVar("C", GainClaim, EnergyClaim)
+Made = TypeVar("Made", bound=DecayClaim | GainClaim | EnergyClaim)
+RATES = (0.98, 0.9, 0.5, 0.1, 0.0)
+"""Shares of the slowest pole's rate that are claimed, the first that is proved."""
+FASTEST = 20.0
+"""Largest claimed decay over one sampling period, in powers of e; dead-beat loops decay faster than any."""
+LEVELS = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
+"""Shares by which a claimed level exceeds the norm, the first that is proved."""
 _STEPS = (0.3, 1e-2, 1e-4, 1e-6, 1e-8, 1e-10)
 """Shares of the room below a bound that are spent on strictness, tried from the largest."""
-_NOISE = 1e-20
-"""A Gramian's diagonal entry below this share of the largest is rounding: the state is not reached, or not seen."""
 
 
 def lyapunov_claim(plants: Sequence[Plant], controllers: Sequence[Controller], *, rate: float = 0.0) -> DecayClaim:
@@ -41,11 +49,87 @@ def lyapunov_claim(plants: Sequence[Plant], controllers: Sequence[Controller], *
     >>> lyapunov_claim([plant], [law], rate=1.0).P
     array([[[0.5]]])
     """
-    if len(controllers) not in (1, len(plants)):
-        raise ValueError(f"controllers: expected 1 or {len(plants)}, got {len(controllers)}")
-    laws = list(range(len(controllers))) if len(controllers) > 1 else [0] * len(plants)
+    laws = _laws(plants, controllers)
     found = [_decay_matrix(plant, controllers[j], rate) for plant, j in zip(plants, laws, strict=True)]
-    return DecayClaim(tuple(range(len(plants))), tuple(laws), rate, np.stack(found))
+    return DecayClaim(tuple(range(len(plants))), laws, rate, np.stack(found))
+
+
+def decay_claim(
+    plants: Sequence[Plant], controllers: Sequence[Controller], *, shares: Sequence[float] = RATES
+) -> DecayClaim:
+    """Decay of every loop at almost the rate of the slowest pole: at the first of `shares` of it that can be proved.
+
+    A sampled loop is not said to decay by more than `FASTEST` powers of e in one period.
+
+    Raises
+    ------
+    ModelError : a loop is not stable (the pole is named), or nothing could be proved
+    ValueError : names, sampling periods or numbers of plants and laws do not fit
+
+    Examples
+    --------
+    >>> plant = Plant.from_matrices([[1.0]], [[1.0]], [[1.0]], [[1.0]])
+    >>> law = Controller.static([[-3.0]], measured=("x1",), commands=("u1",))
+    >>> decay_claim([plant], [law]).rate
+    1.96
+    """
+    laws = _laws(plants, controllers)
+    slowest = min(
+        _decay_rate(closed_channel(plant, controllers[j])[0], plant.dt) for plant, j in zip(plants, laws, strict=True)
+    )
+    if not slowest > 0.0:
+        return lyapunov_claim(plants, controllers)  # which names the pole
+    return _first_made([partial(lyapunov_claim, plants, controllers, rate=share * slowest) for share in shares])
+
+
+def tightest_claim(
+    make: Callable[[Plant, Controller, float], C],
+    plants: Sequence[Plant],
+    controllers: Sequence[Controller],
+    norm: float,
+    *,
+    shares: Sequence[float] = LEVELS,
+) -> C:
+    """The norms of all loops below a level a little above `norm`: the first share more that can be proved.
+
+    Parameters
+    ----------
+    make : `bounded_real_claim` or `energy_claim`
+    norm : the largest of the loops' norms
+
+    Raises
+    ------
+    ModelError : none of the levels could be proved, with the reason for the loosest
+
+    Examples
+    --------
+    >>> plant = Plant.from_matrices([[-1.0]], [[1.0]], [[1.0]], [[1.0]])
+    >>> law = Controller.static([[0.0]], measured=("x1",), commands=("u1",))
+    >>> round(tightest_claim(bounded_real_claim, [plant], [law], 1.0).gamma, 9)
+    1.00001
+    """
+    return _first_made([partial(joint_claim, make, plants, controllers, (1.0 + share) * norm) for share in shares])
+
+
+def joint_claim(
+    make: Callable[[Plant, Controller, float], C],
+    plants: Sequence[Plant],
+    controllers: Sequence[Controller],
+    level: float,
+) -> C:
+    """One claim of a level about all loops, with a matrix for each; one law may serve all plants.
+
+    make : `bounded_real_claim` or `energy_claim`
+
+    Raises
+    ------
+    ModelError : a loop's norm is not below `level`, or not by enough
+    """
+    laws = _laws(plants, controllers)
+    claims = [make(plant, controllers[j], level) for plant, j in zip(plants, laws, strict=True)]
+    return replace(
+        claims[0], plants=tuple(range(len(plants))), controllers=laws, P=np.concatenate([one.P for one in claims])
+    )
 
 
 def energy_claim(
@@ -82,16 +166,16 @@ def energy_claim(
     if plant.dt is None and np.any(D):
         raise ModelError(f"{plant.name}: disturbances pass straight through, the H2 norm is infinite")
     through = float(np.sum(D**2))
-    basis = _balance(A)
+    basis = balance(A)
     A_b, B_b, C_b = A / basis[:, None] * basis, B / basis[:, None], C * basis
-    observed = _gramian(A_b, C_b.T @ C_b, plant.dt)
+    observed = gramian(A_b, C_b.T @ C_b, plant.dt)
     norm = float(np.sqrt(max(np.sum(B_b * (observed @ B_b)) + through, 0.0)))
     room = level**2 - norm**2
     if not room > 0.0:
         raise ModelError(f"{plant.name}: the H2 norm is {norm:.10g}, not below {level:.10g}")
 
     def tries() -> Iterator[FloatArray]:
-        for spare, _ in _strict_parts(A_b, plant.dt):
+        for spare, _ in strict_parts(A_b, plant.dt):
             cost = float(np.sum(B_b * (spare @ B_b)))
             for share in (0.5, 0.9, 0.1):
                 yield observed + (share * room / cost if cost > 0.0 else 1.0) * spare
@@ -136,20 +220,20 @@ def bounded_real_claim(
     _require_decay(A, 0.0, plant)
     if not gamma > 0.0 or (D.size and np.linalg.norm(D, 2) >= gamma):
         raise ModelError(f"{plant.name}: the peak gain is not below {gamma:.10g}")
-    basis = _balance(A)
+    basis = balance(A)
     root = np.sqrt(gamma)
     A_b, B_b, C_b = A / basis[:, None] * basis, B / basis[:, None] / root, C * basis / root
-    second = _even(A_b, B_b, C_b, plant.dt)
+    second = even_scales(A_b, B_b, C_b, plant.dt)
     basis = basis * second
     A_b, B_b, C_b = A_b / second[:, None] * second, B_b / second[:, None], C_b * second
     D_b = D / gamma
 
     def tries() -> Iterator[FloatArray]:
-        for part, weight in _strict_parts(A_b, plant.dt):
+        for part, weight in strict_parts(A_b, plant.dt):
             cost = float(np.sum(B_b * (part @ B_b)))
             for share in _STEPS:
                 size = share / cost if cost > 0.0 else share
-                found = _bounded_real(A_b, B_b, C_b.T @ C_b + size * weight, C_b.T @ D_b, D_b, plant.dt)
+                found = bounded_real_solution(A_b, B_b, C_b.T @ C_b + size * weight, C_b.T @ D_b, D_b, plant.dt)
                 if found is not None:
                     yield found
 
@@ -159,16 +243,41 @@ def bounded_real_claim(
     return made(_first_proved(tries(), basis, made, plant, controller))
 
 
+def _laws(plants: Sequence[Plant], controllers: Sequence[Controller]) -> tuple[int, ...]:
+    """Index of each plant's law."""
+    if len(controllers) not in (1, len(plants)):
+        raise ValueError(f"controllers: expected 1 or {len(plants)}, got {len(controllers)}")
+    return tuple(range(len(controllers))) if len(controllers) > 1 else (0,) * len(plants)
+
+
+def _first_made(makers: Sequence[Callable[[], Made]]) -> Made:
+    """The first claim that can be made; where none can, the reason for the last."""
+    for make in makers[:-1]:
+        try:
+            return make()
+        except ModelError:
+            continue
+    return makers[-1]()
+
+
+def _decay_rate(A: FloatArray, dt: float | None) -> float:
+    """Rate (1/s) at which the slowest mode decays."""
+    poles = np.linalg.eigvals(A)
+    if dt is None:
+        return -float(np.max(poles.real)) if len(poles) else 1.0
+    return min(-float(np.log(max(float(np.max(np.abs(poles), initial=0.0)), 1e-300))), FASTEST) / dt
+
+
 def _decay_matrix(plant: Plant, controller: Controller, rate: float) -> FloatArray:
     A = closed_channel(plant, controller)[0]
     _require_decay(A, rate, plant)
     moved = A + rate * np.eye(len(A)) if plant.dt is None else A * np.exp(rate * plant.dt)
-    basis = _balance(moved)
+    basis = balance(moved)
 
     def made(P: FloatArray) -> DecayClaim:
         return DecayClaim((0,), (0,), rate, P[None])
 
-    tries = (P for P, _ in _strict_parts(moved / basis[:, None] * basis, plant.dt))
+    tries = (P for P, _ in strict_parts(moved / basis[:, None] * basis, plant.dt))
     return _first_proved(tries, basis, made, plant, controller)
 
 
@@ -195,79 +304,6 @@ def _require_decay(A: FloatArray, rate: float, plant: Plant) -> None:
         raise ModelError(
             f"{plant.name}: the pole {slowest:.6g} {unit} of the closed loop does not decay at {rate:.6g} 1/s"
         )
-
-
-def _balance(A: FloatArray) -> FloatArray:
-    """Powers of two t such that diag(1/t) A diag(t) has rows and columns of like size."""
-    if not len(A):
-        return np.ones(0)
-    scale = scipy.linalg.matrix_balance(A, permute=False, separate=True)[1][0]
-    return np.asarray(np.exp2(np.round(np.log2(scale))), dtype=float)
-
-
-def _gramian(A: FloatArray, Q: FloatArray, dt: float | None) -> FloatArray:
-    """P of A'P + P A + Q = 0, or of A'P A - P + Q = 0 by Smith's doubling, for a stable A."""
-    if dt is None:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            P = np.asarray(scipy.linalg.solve_continuous_lyapunov(A.T, -Q), dtype=float)
-        return np.asarray(0.5 * (P + P.T))
-    P, power = Q, A
-    with np.errstate(all="ignore"):
-        for _ in range(64):
-            step = power.T @ P @ power
-            P = P + 0.5 * (step + step.T)
-            power = power @ power
-            if not np.max(np.abs(step), initial=0.0) > 1e-17 * np.max(np.abs(P), initial=0.0):
-                break
-    return P
-
-
-def _strict_parts(A: FloatArray, dt: float | None) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """(P, Q) > 0 with A'P + P A + Q = 0 (P - A'P A = Q): for Q = I, then for Q = I + a share of P, widely spread."""
-    eye = np.eye(len(A))
-    yield _gramian(A, eye, dt), eye
-    poles = np.linalg.eigvals(A)
-    for share in (0.5, 0.9):
-        if dt is None:
-            slower = -share * float(np.max(poles.real))
-            P = _gramian(A + slower * eye, eye, dt)
-            yield P, eye + 2.0 * slower * P
-        else:
-            larger = float(np.max(np.abs(poles), initial=1e-8)) ** share
-            P = _gramian(A / larger, eye, dt)
-            yield P, larger**2 * eye + (1.0 - larger**2) * P
-
-
-def _even(A: FloatArray, B: FloatArray, C: FloatArray, dt: float | None) -> FloatArray:
-    """Powers of two that make every state reached and observed alike; one for states where either is but rounding."""
-    reached, observed = np.diag(_gramian(A.T, B @ B.T, dt)), np.diag(_gramian(A, C.T @ C, dt))
-    told = (reached > _NOISE * np.max(reached, initial=0.0)) & (observed > _NOISE * np.max(observed, initial=0.0))
-    with np.errstate(all="ignore"):
-        ratio = np.where(told, reached / observed, 1.0)
-    return np.asarray(np.exp2(np.round(0.25 * np.log2(ratio))))
-
-
-def _bounded_real(
-    A: FloatArray, B: FloatArray, Q: FloatArray, S: FloatArray, D: FloatArray, dt: float | None
-) -> FloatArray | None:
-    """Stabilising solution of the bounded-real Riccati equation for the bound one; None where there is none."""
-    if B.shape[1] == 0:
-        return _gramian(A, Q, dt)
-    R = D.T @ D - np.eye(B.shape[1])
-    if dt is None:
-        solved = np.linalg.solve(R, np.hstack([S.T, B.T]))
-        cross, into = solved[:, : len(A)], solved[:, len(A) :]
-        rest = Q - S @ cross
-        G = B @ into
-        return stabilising_solution(A - B @ cross, 0.5 * (G + G.T), 0.5 * (rest + rest.T))
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            P = np.asarray(scipy.linalg.solve_discrete_are(A, B, Q, R, s=S), dtype=float)
-    except (np.linalg.LinAlgError, ValueError):
-        return None
-    return 0.5 * (P + P.T) if np.isfinite(P).all() else None
 
 
 def _first_proved(

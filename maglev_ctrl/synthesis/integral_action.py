@@ -9,13 +9,13 @@ import numpy as np
 
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.errors import ModelError, Status
+from maglev_ctrl.proofs.makers import decay_claim
 from maglev_ctrl.synthesis.lq import kalman
 from maglev_ctrl.synthesis.lq_discrete import kalman_discrete, lqr_discrete
 from maglev_ctrl.synthesis.lq_plants import (
     COST,
     NORM,
     cost_matrix,
-    decay_claim,
     hidden_mode,
     mean_square,
     quadratic,
@@ -92,7 +92,7 @@ def lqi(plant: Plant, integrals: Sequence[Integral], *, name: str = "LQI") -> Sy
         return refused(name, [plant], Status.INFEASIBLE, unsolvable(plant, fault))
     riccati = [one for one in (regulator, observer) if one is not None]
     return proven(
-        name, [plant], [law], claims=[decay_claim(plant, law)],
+        name, [plant], [law], claims=[decay_claim([plant], [law])],
         performance=[_performance(plant, tracked, regulator, law, error)],
         notes=[f"integral of {', '.join(tracked.names)}"] + [f"Riccati: {s.message}" for s in riccati if s.message],
         status=worse(*(one.status for one in riccati)),

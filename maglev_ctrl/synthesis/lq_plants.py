@@ -9,8 +9,7 @@ from scipy.linalg import eig, matrix_balance, solve_continuous_lyapunov, solve_d
 
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.errors import ModelError, Status
-from maglev_ctrl.proofs.claims import DecayClaim
-from maglev_ctrl.proofs.makers import lyapunov_claim
+from maglev_ctrl.proofs.makers import decay_claim
 from maglev_ctrl.synthesis.doubling import symmetric
 from maglev_ctrl.synthesis.lq_discrete import EstimateForm, lqg_discrete, lqr_discrete
 from maglev_ctrl.synthesis.neutral import HIDDEN, hidden_modes
@@ -19,10 +18,6 @@ from maglev_ctrl.synthesis.sampling import sampled
 from maglev_ctrl.systems import Controller
 from maglev_ctrl.systems.plant import Plant, closed_channel
 
-CLAIMED = 0.9
-"""Share of the slowest closed-loop decay rate that is claimed: what is left is room for a well-conditioned proof."""
-FASTEST = 20.0
-"""Largest claimed decay over one sampling period, in powers of e; dead-beat loops decay faster than any."""
 COST = "trace of the cost matrix"
 NORM = "mean square of the performance outputs under white noise"
 
@@ -57,7 +52,7 @@ def design_sampled_lqr(plant: Plant, dt: float | None = None, *, name: str = "sa
     )
     cost = Performance(COST, float(np.trace(solution.P)), float(np.trace(cost_matrix(at_samples, law))))
     return proven(
-        name, [at_samples], [law], claims=[decay_claim(at_samples, law)], performance=[cost],
+        name, [at_samples], [law], claims=[decay_claim([at_samples], [law])], performance=[cost],
         notes=[f"Riccati equation: {solution.message}"] if solution.message else [], status=solution.status,
     )  # fmt: skip
 
@@ -107,7 +102,7 @@ def design_sampled_lqg(
     power = Performance(NORM, float(reported), mean_square(model, controller))
     messages = [s.message for s in (law.regulator, law.observer.riccati) if s.message]
     return proven(
-        name, [model], [controller], claims=[decay_claim(model, controller)], performance=[power],
+        name, [model], [controller], claims=[decay_claim([model], [controller])], performance=[power],
         notes=[f"Riccati equation: {message}" for message in messages],
         status=worse(law.regulator.status, law.observer.riccati.status),
     )  # fmt: skip
@@ -127,24 +122,6 @@ def worse(*status: Status) -> Status:
 def quadratic(plant: Plant) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Q, R, N of z'z = x'Qx + u'Ru + 2 x'Nu."""
     return plant.C1.T @ plant.C1, plant.D12.T @ plant.D12, plant.C1.T @ plant.D12
-
-
-def decay_claim(plant: Plant, controller: Controller) -> DecayClaim:
-    """The claim that the loop decays at `CLAIMED` times its slowest rate, with a Lyapunov matrix for it.
-
-    Raises
-    ------
-    ModelError : the closed loop is not stable
-    """
-    A, *_ = closed_channel(plant, controller)
-    poles = np.linalg.eigvals(A)
-    if plant.dt is None:
-        slowest = -float(np.max(poles.real))
-    else:
-        slowest = float(min(-np.log(max(float(np.max(np.abs(poles))), 1e-300)), FASTEST)) / plant.dt
-    if not slowest > 0.0:
-        raise ModelError("the closed loop is not stable")
-    return lyapunov_claim([plant], [controller], rate=CLAIMED * slowest)
 
 
 def cost_matrix(plant: Plant, controller: Controller, *, extra: FloatArray | None = None) -> FloatArray:

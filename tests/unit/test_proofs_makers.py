@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.linalg
 
 from maglev_ctrl.analysis.hamiltonian import h_infinity_norm
 from maglev_ctrl.errors import ModelError
-from maglev_ctrl.proofs.makers import bounded_real_claim, energy_claim, lyapunov_claim
+from maglev_ctrl.proofs.makers import (
+    bounded_real_claim,
+    decay_claim,
+    energy_claim,
+    joint_claim,
+    lyapunov_claim,
+    tightest_claim,
+)
 from maglev_ctrl.proofs.prove import prove
 from maglev_ctrl.systems import Controller
 from maglev_ctrl.systems.plant import Plant
@@ -113,3 +122,35 @@ def test_channels_without_signals_or_reach() -> None:
     law = idle(plant)
     assert prove(bounded_real_claim(plant, law, 1e-3), [plant], [law]).holds
     assert prove(energy_claim(plant, law, 1e-3), [plant], [law]).holds
+
+
+def test_states_neither_reached_nor_seen_do_not_stand_in_the_way() -> None:
+    """Couplings of rounding's size only: the state has no scale of its own, and the inequality holds all the same."""
+    A = np.array([[-0.5, 1.0, 1e-35], [-2.0, -0.1, 0.0], [1e-28, -4e-28, -0.02]])
+    plant = Plant.from_matrices(A, [[1.0], [0.0], [0.0]], np.zeros((3, 1)), [[1.0, 0.5, 1e-35]])
+    law = idle(plant)
+    peak = h_infinity_norm(A[:2, :2], plant.B1[:2], plant.C1[:, :2], plant.D11).upper
+    assert prove(bounded_real_claim(plant, law, peak * 1.0001), [plant], [law]).holds
+
+
+def test_claims_follow_the_number_as_close_as_can_be_proved() -> None:
+    plants = [Plant.from_matrices([[-a]], [[1.0]], [[1.0]], [[1.0]]) for a in (1.0, 2.0)]
+    law = idle(plants[0])
+    decay = decay_claim(plants, [law])
+    assert decay.rate == pytest.approx(0.98) and prove(decay, plants, [law]).holds
+    gain = tightest_claim(bounded_real_claim, plants, [law], 1.0)
+    assert gain.gamma == pytest.approx(1.00001) and gain.P.shape == (2, 1, 1) and prove(gain, plants, [law]).holds
+    with pytest.raises(ModelError):
+        tightest_claim(bounded_real_claim, plants, [law], 0.8)
+    assert prove(joint_claim(energy_claim, plants, [law], 0.7072), plants, [law]).holds
+    assert not prove(replace(gain, gamma=0.999), plants, [law]).holds
+
+
+def test_decay_is_claimed_slower_where_a_double_pole_leaves_less_to_prove() -> None:
+    A = np.array([[-1.0, 1e9], [0.0, -1.0]])
+    plant = Plant.from_matrices(A, np.zeros((2, 1)), np.zeros((2, 1)), np.zeros((1, 2)))
+    assert 0.0 <= decay_claim([plant], [idle(plant)]).rate < 1.0
+    dead = Plant.from_matrices(np.zeros((1, 1)), [[1.0]], [[1.0]], [[1.0]], dt=0.1)
+    assert decay_claim([dead], [idle(dead)]).rate == pytest.approx(0.98 * 20.0 / 0.1)
+    with pytest.raises(ModelError, match="does not decay"):
+        decay_claim([replace(plant, A=-plant.A)], [idle(plant)])

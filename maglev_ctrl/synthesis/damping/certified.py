@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from maglev_ctrl.arrays import FloatArray
+from maglev_ctrl.errors import ModelError
 from maglev_ctrl.proofs.claims import Claim, DecayClaim, ParameterClaim, RegionClaim
+from maglev_ctrl.proofs.makers import lyapunov_claim
 from maglev_ctrl.proofs.prove import prove
-from maglev_ctrl.synthesis.damping.lyapunov import common_lyapunov, parameter_lyapunov, region_matrix, vertex_lyapunov
+from maglev_ctrl.synthesis.damping.lyapunov import common_lyapunov, parameter_lyapunov, region_matrix
 from maglev_ctrl.synthesis.damping.places import DampedFamily
 from maglev_ctrl.synthesis.lmi.regions import damping as damping_sector
 
@@ -81,10 +83,11 @@ def assurance(
     loops, laws = family.loops(c), [family.law(c)]
     every = tuple(range(len(loops)))
     alone = (0,) * len(loops)
-    P = vertex_lyapunov(loops, rate, T)
-    if P is None:
-        return Assurance((), None, ("a vertex does not decay at the rate",))
-    claims: list[Claim] = [DecayClaim((i,), (0,), rate, P[i : i + 1]) for i in every]
+    try:
+        own = lyapunov_claim(family.plants, laws, rate=rate)
+    except ModelError as fault:
+        return Assurance((), None, (str(fault),))
+    claims: list[Claim] = [replace(own, plants=(i,), controllers=(0,), P=own.P[i : i + 1]) for i in every]
     if ratio > 0.0:
         sector = damping_sector(ratio)
         for i in every:

@@ -1,17 +1,16 @@
-"""Lyapunov matrices for fixed loops: one for each vertex, one for all, one that follows the parameter.
+"""Lyapunov matrices for fixed loops: one for all, one that follows the parameter; matrices of pole regions.
 
 Scaled to order one before any solver sees them; what comes back are candidates, judged by `maglev_ctrl.proofs`.
 """
 
 from __future__ import annotations
 
-import warnings
 from typing import Any
 
 import numpy as np
-from scipy.linalg import solve_continuous_lyapunov
 
 from maglev_ctrl.arrays import FloatArray
+from maglev_ctrl.proofs.candidates import modal_matrix
 from maglev_ctrl.synthesis.lmi.session import Clock, solve_problem
 
 TIME_LIMIT = 60.0
@@ -20,35 +19,6 @@ UNITS = (0.3, 1.0, 3.0)
 """Units of time tried for the slack certificate, in parts of the fastest loop's time constant."""
 SLACK = 1e-8
 """Least strictness of an inequality of order one that is handed on for proof."""
-
-
-def vertex_lyapunov(loops: FloatArray, rate: float, T: FloatArray) -> FloatArray | None:
-    """P (v, n, n) with A'P + P A + 2 rate P < 0 loop by loop, or None where a loop does not decay at `rate`.
-
-    Parameters
-    ----------
-    loops : (v, n, n) 1/s
-    T : (n,) diagonal scaling of the states, x = T x^
-
-    Examples
-    --------
-    >>> float(vertex_lyapunov(np.array([[[-2.0]]]), 1.0, np.ones(1))[0, 0, 0])
-    0.5
-    """
-    n = loops.shape[-1]
-    found = []
-    for A in loops * T / T[:, None] + rate * np.eye(n):
-        if np.max(np.linalg.eigvals(A).real) >= 0.0:
-            return None
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            try:
-                P = solve_continuous_lyapunov(A.T, -np.eye(n))
-                P = P - solve_continuous_lyapunov(A.T, A.T @ P + P @ A + np.eye(n))
-            except (RuntimeWarning, np.linalg.LinAlgError, ValueError):
-                return None
-        found.append(_unscaled(np.asarray(P), T))
-    return np.stack(found)
 
 
 def common_lyapunov(loops: FloatArray, rate: float, T: FloatArray) -> tuple[FloatArray | None, float]:
@@ -130,8 +100,7 @@ def region_matrix(loop: FloatArray, L: FloatArray, M: FloatArray, T: FloatArray)
 
     A = loop * T / T[:, None]
     n, size = len(A), max(float(np.linalg.norm(A, 2)), 1e-300)
-    _, V = np.linalg.eig(A)
-    X = np.asarray((V @ V.conj().T).real)
+    X = modal_matrix(A)
     if _region_excess(A, L, M, X) < 0.0 and np.linalg.cond(X) < 1e8:
         return np.asarray(X * T * T[:, None])
     free, t = cp.Variable((n, n), symmetric=True), cp.Variable()

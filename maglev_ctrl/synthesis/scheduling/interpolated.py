@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from maglev_ctrl.arrays import FloatArray, read_only, read_only_any
-from maglev_ctrl.errors import Status
+from maglev_ctrl.errors import ModelError, Status
 from maglev_ctrl.proofs.claims import DecayClaim, SegmentClaim
+from maglev_ctrl.proofs.makers import lyapunov_claim
 from maglev_ctrl.proofs.prove import prove
 from maglev_ctrl.synthesis.channels import require_reachable
-from maglev_ctrl.synthesis.damping.lyapunov import vertex_lyapunov
 from maglev_ctrl.synthesis.lmi.session import Clock
 from maglev_ctrl.synthesis.result import Performance, proven, refused
 from maglev_ctrl.synthesis.riccati_batch import riccati_batch
@@ -23,7 +23,6 @@ from maglev_ctrl.synthesis.scheduling.segments import (
     bernstein_loops,
     best_lyapunov,
     node_lyapunov,
-    scales,
     segment_limit,
 )
 from maglev_ctrl.systems import Controller
@@ -196,9 +195,11 @@ def _schedule(grid: _Grid, parameter: str, unit: str) -> ScheduledController:
 def _check_between(value: float, plant: Plant, law: ScheduledController) -> BetweenCheck:
     here = law.at(value)
     loop = plant.A + plant.B2 @ here.D
-    P = vertex_lyapunov(loop[None], 0.0, scales(loop[None]))
-    candidate = np.zeros((1, *loop.shape)) if P is None else P
-    proof = prove(DecayClaim((0,), (0,), 0.0, candidate), [plant], [here])
+    try:
+        claim = lyapunov_claim([plant], [here])
+    except ModelError:
+        claim = DecayClaim((0,), (0,), 0.0, np.zeros((1, *loop.shape)))  # told as a proof that does not hold
+    proof = prove(claim, [plant], [here])
     return BetweenCheck(value, float(np.max(np.linalg.eigvals(loop).real)), proof)
 
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import schur, solve_discrete_lyapunov
+from scipy.linalg import schur, solve_continuous_lyapunov, solve_discrete_lyapunov
 from scipy.linalg.lapack import dtrsyl
 
+from maglev_ctrl.analysis.hamiltonian import balanced_realisation
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.synthesis.structured.loop import Closed
 from maglev_ctrl.synthesis.structured.spectral import Piece
@@ -37,17 +38,22 @@ def energy_piece(loop: Closed) -> Piece:
     )
 
 
-def lyapunov(A: FloatArray, weight: FloatArray) -> FloatArray:
-    """Solution of A'P + P A + weight = 0 for a stable A and a symmetric weight.
+def energy_norm(channel: tuple[FloatArray, FloatArray, FloatArray, FloatArray], dt: float | None) -> float:
+    """H2 norm of a stable closed loop A, B, C, D, by one Lyapunov equation.
 
     Examples
     --------
-    >>> lyapunov(np.array([[-1.0]]), np.array([[4.0]])).item()
-    2.0
+    >>> one = np.ones((1, 1))
+    >>> round(energy_norm((-one, one, one, 0.0 * one), None), 9)
+    0.707106781
     """
-    T, U = schur(A, output="real")
-    X, scale, _ = dtrsyl(T, T, -U.T @ weight @ U, trana="T")
-    return np.asarray(U @ X @ U.T / scale, dtype=np.float64)
+    A, B, C = balanced_realisation(*channel[:3])
+    D = channel[3]
+    if dt is None:
+        if np.any(D):
+            return np.inf
+        return float(np.sqrt(np.sum((C @ solve_continuous_lyapunov(A, -B @ B.T)) * C)))
+    return float(np.sqrt(np.sum((C @ solve_discrete_lyapunov(A, B @ B.T)) * C) + np.sum(D**2)))
 
 
 def gramians(A: FloatArray, B: FloatArray, C: FloatArray) -> tuple[FloatArray, FloatArray]:
