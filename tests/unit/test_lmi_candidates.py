@@ -202,6 +202,17 @@ class TestCoordinates:
         assert told == pytest.approx(energy(CORNERS[0], law.controller.D), rel=1e-6)
 
 
+def test_the_law_of_a_common_matrix_is_there_when_the_time_is_up(monkeypatch):
+    def late(problem):
+        return optimise(problem) if problem.lyapunov == "common" else Optimum(Status.TIME_LIMIT, {})
+
+    monkeypatch.setattr(candidates_module, "optimise", late)
+    found = multi_objective(CORNERS, REQUEST, lyapunov="parameter_dependent", session=SESSION).require()
+    assert isinstance(found.claims[0], DecayClaim) and len(found.claims) == 5
+    assert found.status is Status.ALMOST_SOLVED
+    assert any("the time was up" in note for note in found.notes)
+
+
 def test_cvxopt_takes_over_where_clarabel_stumbles(monkeypatch):
     pytest.importorskip("cvxopt")
 

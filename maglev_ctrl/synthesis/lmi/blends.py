@@ -9,7 +9,7 @@ import numpy as np
 from maglev_ctrl.arrays import FloatArray, read_only
 from maglev_ctrl.proofs.claims import Claim, DecayClaim, EnergyClaim, GainClaim, RegionClaim
 from maglev_ctrl.proofs.prove import prove
-from maglev_ctrl.synthesis.lmi.certify import at_vertices, levels, supported
+from maglev_ctrl.synthesis.lmi.certify import at_vertices, certificate, levels, supported
 from maglev_ctrl.synthesis.lmi.problem import Optimum, Problem
 from maglev_ctrl.synthesis.lmi.request import MultiObjective
 from maglev_ctrl.synthesis.lmi.stability import closed_loops, parameter_certificate
@@ -22,7 +22,9 @@ LOWERED = (1.0, 0.995, 0.98, 0.95, 0.9)
 def vertex_claims(problem: Problem, optimum: Optimum, controller: Controller) -> tuple[list[Claim], str]:
     """Decay of every constant blend, norms and regions vertex by vertex; or no claim, and why."""
     request = problem.request
-    blends = _blends(problem, controller, optimum.rate)
+    X = optimum.values.get("slack")
+    first = np.eye(len(problem.scaling.states)) if X is None else certificate(problem, X)
+    blends = _blends(problem, controller, optimum.rate, first)
     if blends is None:
         return [], "no certificate of stability between the vertices was found for the law"
     claims, count = [blends], len(problem.plants)
@@ -42,19 +44,21 @@ def vertex_claims(problem: Problem, optimum: Optimum, controller: Controller) ->
     return claims, ""
 
 
-def _blends(problem: Problem, controller: Controller, rate: float) -> Claim | None:
+def _blends(problem: Problem, controller: Controller, rate: float, first: FloatArray) -> Claim | None:
     """Decay of every blend: by one matrix, which is quick and says more, or else by one for each vertex.
+
+    `first` is tried before any is looked for: of a common matrix it is the certificate.
 
     Conditions for a law (on A') and for the law found (on A) are both sufficient only, so that a decay rate found by
     the first may have to be lowered for the second; not below what is asked.
     """
-    count, n = len(problem.plants), len(problem.scaling.states)
+    count = len(problem.plants)
     T = problem.transformation
     back = np.linalg.inv(T)
     loops = [np.asarray(back @ A @ T, dtype=np.float64) for A in closed_loops(problem.plants, controller)]
     for share in LOWERED if problem.request.objective == "decay" else (1.0,):
         slower = max(share * rate, problem.request.decay_rate or 0.0)
-        common: Claim = DecayClaim(tuple(range(count)), (0,) * count, slower, np.eye(n)[None])
+        common: Claim = DecayClaim(tuple(range(count)), (0,) * count, slower, first[None])
         common = supported(problem, common, MultiObjective(decay_rate=slower or None), controller)
         if prove(common, problem.plants, [controller]).holds:
             return common

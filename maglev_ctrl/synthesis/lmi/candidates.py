@@ -104,6 +104,11 @@ def _vertexwise(problem: Problem) -> list[Candidate]:
             break
         found.append(_relaxed(trial))
         found[-1] = replace(found[-1], problem=replace(found[-1].problem, clock=clock))
+        if found[-1].optimum.status is Status.TIME_LIMIT:
+            break
+    if found[-1].optimum.status is Status.TIME_LIMIT or clock.left <= 0.0:
+        words = "; the time was up before the search was at its end"
+        found = [replace(one, note=one.note + words, optimum=replace(one.optimum, certain=False)) for one in found]
     return found
 
 

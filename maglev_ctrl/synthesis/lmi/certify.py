@@ -64,7 +64,7 @@ def common_claims(
     request, count = problem.request, len(problem.plants)
     plants, laws = tuple(range(count)), (0,) * count
     X = _physical(problem, optimum.values["slack"])
-    P = _certificate(problem, optimum.values["slack"])
+    P = certificate(problem, optimum.values["slack"])
     two, infinity = levels(problem, optimum)
     wanted: list[tuple[Claim, MultiObjective]] = [
         (DecayClaim(plants, laws, optimum.rate, P[None]), MultiObjective(decay_rate=optimum.rate or None))
@@ -187,7 +187,7 @@ def _physical(problem: Problem, X: FloatArray) -> FloatArray:
     return read_only(0.5 * (full + full.T), name="X")
 
 
-def _certificate(problem: Problem, X: FloatArray) -> FloatArray:
+def certificate(problem: Problem, X: FloatArray) -> FloatArray:
     """P in physical units, inverted where X is near the identity."""
     back = np.linalg.inv(problem.transformation)
     P = back.T @ np.linalg.inv(0.5 * (X + X.T)) @ back
@@ -284,7 +284,7 @@ def _solved_again(problem: Problem, claim: Claim, alone: MultiObjective, control
     if not answer.usable:
         return claim
     values: Mapping[str, FloatArray] = answer.values
-    X, P = _physical(problem, values["slack"]), _certificate(problem, values["slack"])
+    X, P = _physical(problem, values["slack"]), certificate(problem, values["slack"])
     match claim:
         case RegionClaim():
             return replace(claim, X=X[None])

@@ -54,7 +54,7 @@ def multi_objective(
     plants : vertices with the same names, every state measured, continuous
     solver : "CLARABEL", or "CVXOPT" or "SCS" where installed and asked for
     cross_check : solve again with CVXOPT and compare the optima
-    time_limit : s, for everything; the status is then TIME_LIMIT
+    time_limit : s, for everything; what was reached is handed out if it is proved, the status is else TIME_LIMIT
     session : keeps problems by shape; pass the same one for many operating points
 
     Raises
@@ -83,7 +83,7 @@ def multi_objective(
     design = refused(LAW, named, Status.NUMERICAL_ERROR, "nothing was tried")
     for one in candidates(posed):
         if not one.optimum.values:
-            return _failed(one.problem, one.optimum)
+            return _failed(replace(one.problem, clock=clock), one.optimum)
         design = _finished(one, cross_check)
         if design.controllers:
             return design
