@@ -112,14 +112,28 @@ def _doubled_batch(
         left = ~solved
         if not np.any(left):
             break
-        some = A[left], G[left], Q[left]
-        try:
-            found, size, rest = many(*some, factor)
-        except np.linalg.LinAlgError:
-            continue
+        found, size, rest = _around_singular(many, (A[left], G[left], Q[left]), factor)
         good = (size <= tolerance) & (rest <= 1e-3)  # the doubled powers of a stable loop vanish
         P[left], residual[left], solved[left] = found, size, good
     return P, residual, solved
+
+
+def _around_singular(
+    many: Many, data: tuple[FloatArray, FloatArray, FloatArray], factor: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """One point that meets a singular matrix fails alone: the others are solved in halves of the batch."""
+    count = len(data[0])
+    try:
+        return many(*data, factor)
+    except np.linalg.LinAlgError:
+        if count == 1:
+            return np.full(data[0].shape, np.nan), np.full(1, np.inf), np.full(1, np.inf)
+    halves = [
+        _around_singular(many, (data[0][part], data[1][part], data[2][part]), factor)
+        for part in (slice(count // 2), slice(count // 2, count))
+    ]
+    found, size, rest = (np.concatenate(both) for both in zip(*halves, strict=True))
+    return found, size, rest
 
 
 def _plain(A: FloatArray, G: FloatArray, Q: FloatArray, factor: float) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -223,7 +223,6 @@ DESIGNERS = (
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore")  # ill-conditioned on purpose: what is asked is whether a law is let through
 @pytest.mark.parametrize("designer", DESIGNERS, ids=lambda one: one.name)
 def test_every_law_that_is_let_through_is_as_claimed(designer: Designer) -> None:
     draw = partial(random_plant, dt=designer.dt, sensors=designer.sensors, direct=designer.direct)

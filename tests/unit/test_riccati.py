@@ -199,3 +199,13 @@ def test_extended_product_and_solve_hold_thirty_digits():
         assert float(mpmath.mnorm(exact(again) - exact(solved), "f")) < 1e-28
     plain = left @ right
     assert np.max(np.abs((product.high - plain) + product.low)) > 0.0  # ordinary arithmetic is seen to differ
+
+
+def test_a_point_without_a_solution_does_not_send_its_batch_the_slow_way() -> None:
+    rng = np.random.default_rng(8)
+    A, B = rng.standard_normal((40, 2, 2)), rng.standard_normal((40, 2, 1))
+    A[17], B[17] = np.diag([1.0, -1.0]), [[0.0], [1.0]]  # the input moves what is stable already
+    Q = np.where(np.arange(40)[:, None, None] == 17, 0.0, np.eye(2))
+    batch = riccati_batch(A, B, Q, np.eye(1))
+    assert not batch.solved[17] and batch.redone[17] and np.count_nonzero(batch.solved) == 39
+    assert np.count_nonzero(batch.redone) <= 3
