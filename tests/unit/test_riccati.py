@@ -5,6 +5,7 @@ from __future__ import annotations
 import mpmath
 import numpy as np
 import pytest
+from random_plants import random_plant
 
 from maglev_ctrl.errors import Agreement, ModelError, Status
 from maglev_ctrl.synthesis.doubling import relative_residual
@@ -203,9 +204,10 @@ def test_extended_product_and_solve_hold_thirty_digits():
 
 def test_a_point_without_a_solution_does_not_send_its_batch_the_slow_way() -> None:
     rng = np.random.default_rng(8)
-    A, B = rng.standard_normal((40, 2, 2)), rng.standard_normal((40, 2, 1))
-    A[17], B[17] = np.diag([1.0, -1.0]), [[0.0], [1.0]]  # the input moves what is stable already
-    Q = np.where(np.arange(40)[:, None, None] == 17, 0.0, np.eye(2))
-    batch = riccati_batch(A, B, Q, np.eye(1))
-    assert not batch.solved[17] and batch.redone[17] and np.count_nonzero(batch.solved) == 39
-    assert np.count_nonzero(batch.redone) <= 3
+    A, B = rng.standard_normal((40, 2, 2)), rng.standard_normal((40, 2, 3))
+    hopeless = random_plant(781).plant  # a mode that grows and that no input moves
+    A[17], B[17] = hopeless.A, hopeless.B2
+    weights = [x.T @ y for x in (hopeless.C1, hopeless.D12) for y in (hopeless.C1, hopeless.D12)]
+    batch = riccati_batch(A, B, weights[0], weights[3], weights[1])
+    assert not batch.solved[17] and np.count_nonzero(batch.solved) == 39
+    assert np.flatnonzero(batch.redone).tolist() == [17]
