@@ -158,6 +158,9 @@ def _channel(A: FloatArray, B: FloatArray, C: FloatArray, D: FloatArray) -> tupl
     solved = right.T[:, :rank] @ (left[:, :rank].T @ C / size[:rank, None])
     unseen = left[:, rank:].T @ C
     bare = A - B @ solved
+    # in balanced states, or their units would tell how near is near
+    scale = state_scales(bare, np.zeros((len(A), 0)), unseen)
+    bare, unseen = bare * scale / scale[:, None], unseen * scale
     size_of = float(np.linalg.norm(bare, 2))
     # Modes right of the axis are harmless: the game turns them.
     zeros = [m.pole for m in hidden_modes(bare, unseen, ("",) * len(A)) if abs(m.pole.real) <= ON_AXIS * size_of]

@@ -44,6 +44,18 @@ def test_zeros_on_the_axis_are_found_and_others_are_not():
     assert not defects(damped, output=False).any
 
 
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_units_of_states_put_no_zero_on_the_axis(unit):
+    states = np.diag([1.0, unit])
+
+    def with_zeros(real):
+        A = states @ np.array([[real, 1.0], [-1.0, real]]) @ np.linalg.inv(states)
+        return Plant.from_matrices(A, np.eye(2), states @ [[0.0], [1.0]], np.zeros((1, 2)), D12=[[1.0]])
+
+    assert not defects(with_zeros(0.05), output=False).any
+    assert "an invariant zero at 1j on the axis" in defects(with_zeros(0.0), output=False).sentences[0]
+
+
 def test_an_enlarged_plant_has_no_defects_and_no_smaller_gain():
     plant = _oscillator(C1=[[1.0, 0.0]], C2=[[1.0, 0.0]])
     found = defects(plant, output=True)
