@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.linalg import eig, matrix_balance, solve_continuous_lyapunov, solve_discrete_lyapunov
+from scipy.linalg import eig, matrix_balance
 
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.errors import ModelError, Status
+from maglev_ctrl.proofs.candidates import gramian
 from maglev_ctrl.proofs.makers import decay_claim
 from maglev_ctrl.synthesis.doubling import symmetric
 from maglev_ctrl.synthesis.lq_discrete import EstimateForm, lqg_discrete, lqr_discrete
@@ -188,16 +189,13 @@ def _lyapunov(A: FloatArray, W: FloatArray, dt: float | None) -> FloatArray:
 
     Forces of 1e4 N beside displacements of 1e-3 m would otherwise cost most digits.
     """
-    a, (scale, _) = matrix_balance(A, permute=False, separate=True)
+    balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
+    a = np.asarray(balanced, dtype=np.float64)
     w = W / np.outer(scale, scale)
-    S: FloatArray = np.zeros_like(w)
-    for _ in range(2):
-        if dt is None:
-            rest = symmetric(a @ S + S @ a.T + w)
-            S = S + symmetric(np.asarray(solve_continuous_lyapunov(a, -rest), dtype=float))
-        else:
-            rest = symmetric(a @ S @ a.T - S + w)
-            S = S + symmetric(np.asarray(solve_discrete_lyapunov(a, rest), dtype=float))
+    S = gramian(a.T, w, dt)
+    if np.all(np.isfinite(S)):  # else the loop is not stable
+        rest = a @ S + S @ a.T + w if dt is None else a @ S @ a.T - S + w
+        S = S + symmetric(gramian(a.T, symmetric(rest), dt))
     return np.asarray(S * np.outer(scale, scale))
 
 

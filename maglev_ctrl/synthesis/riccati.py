@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,10 +21,9 @@ from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only, read_only_an
 from maglev_ctrl.errors import Agreement, ModelError, Status
 from maglev_ctrl.synthesis.doubling import hamiltonian
 from maglev_ctrl.synthesis.extended import Extended, extended_solve
+from maglev_ctrl.synthesis.riccati_newton import EPS, Refined, agreement, best_refined, better
 from maglev_ctrl.synthesis.riccati_seeds import FALLBACK, PRIMARY, Seed
 
-EPS = float(np.finfo(float).eps)
-NEWTON_STEPS = 40
 ON_AXIS = "the Hamiltonian has eigenvalues on the imaginary axis: no stabilising solution"
 
 
@@ -76,15 +76,6 @@ class _Equation:
     scale: float
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class _Refined:
-    P: Extended
-    gain: Extended
-    step: float
-    abscissa: float
-    method: str
-
-
 def riccati_continuous(
     A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike, N: ArrayLike | None = None
 ) -> RiccatiSolution:
@@ -108,32 +99,46 @@ def riccati_continuous(
     >>> solution.status.name
     'SOLVED'
     """
-    a, b, q, r, n = _checked(A, B, Q, R, N)
+    a, b, q, r, n = checked(A, B, Q, R, N)
+    try:
+        np.linalg.cholesky(r)
+    except np.linalg.LinAlgError:
+        raise ValueError("R: expected a positive definite matrix") from None
     equation = _scaled(a, b, q, r, n)
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
+        newton, size = partial(_newton, equation), partial(_size_of_residual, equation)
         seeds = _seeds(equation, PRIMARY)
-        refined = _best(equation, seeds)
+        refined = best_refined(seeds, newton, size)
         if len(seeds) < 2 or refined is None or refined.step > 1e-12:
             more = _seeds(equation, FALLBACK)
-            refined, seeds = _better(refined, _best(equation, more)), seeds | more
+            refined, seeds = better(refined, best_refined(more, newton, size)), seeds | more
         if refined is None:
             return unsolved(a, b, *_diagnosis(equation))
         status, message = _unsolvable(equation, refined)
         if status is Status.INFEASIBLE:
             return unsolved(a, b, status, message)
-        return _finished(equation, refined, _agreement(equation, seeds, refined))
+        condition = _condition(equation, refined.P.high)
+        return _finished(equation, refined, condition, agreement(seeds, refined.P.high, condition, newton))
 
 
-def _checked(
+def checked(
     A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike, N: ArrayLike | None
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Data of one Riccati equation as arrays, shapes and symmetry checked.
+
+    Raises
+    ------
+    ValueError : shapes do not fit, or Q or R is not symmetric
+    """
     a = read_only(A, name="A", shape=(None, None))
     if a.ndim != 2 or a.shape[0] != a.shape[1] or not a.size:
         raise ValueError(f"A: expected one square matrix, got shape {a.shape}")
     states = a.shape[0]
     b = read_only(B, name="B", shape=(states, None))
     inputs = b.shape[-1]
+    if inputs == 0:
+        raise ValueError("B: expected at least one column")
     q = read_only(Q, name="Q", shape=(states, states))
     r = read_only(R, name="R", shape=(inputs, inputs))
     n = read_only(np.zeros((states, inputs)) if N is None else N, name="N", shape=(states, inputs))
@@ -143,10 +148,6 @@ def _checked(
     for name, matrix in (("Q", q), ("R", r)):
         if np.linalg.norm(matrix - matrix.T) > 1e-10 * np.linalg.norm(matrix):
             raise ValueError(f"{name}: expected a symmetric matrix")
-    try:
-        np.linalg.cholesky(0.5 * (r + r.T))
-    except np.linalg.LinAlgError:
-        raise ValueError("R: expected a positive definite matrix") from None
     return a, b, 0.5 * (q + q.T), 0.5 * (r + r.T), n
 
 
@@ -186,46 +187,16 @@ def _seeds(equation: _Equation, methods: dict[str, Seed]) -> dict[str, FloatArra
     return found
 
 
-def _agreement(equation: _Equation, seeds: dict[str, FloatArray], refined: _Refined) -> Agreement:
-    """Two seeds lie as near the refined solution as rounding of the data explains, or are led there by Newton steps."""
-    P = refined.P.high
-    allowed = max(1e-8, min(1e-3, 1e3 * EPS * _condition(equation, P)))
-    count = 0
-    for name, seed in seeds.items():
-        close = np.linalg.norm(seed - P) <= allowed * np.linalg.norm(P)
-        if not close and (led := _refine(equation, seed, name)) is not None:
-            close = np.linalg.norm(led.P.high - P) <= 1e-10 * np.linalg.norm(P)
-        count += bool(close)
-    return Agreement.AGREED if count >= 2 else Agreement.UNRESOLVED
-
-
-def _unsolvable(equation: _Equation, refined: _Refined) -> tuple[Status, str]:
+def _unsolvable(equation: _Equation, refined: Refined) -> tuple[Status, str]:
     """A closed loop that is all but neutral may be rounding's answer to a problem without one."""
     size = float(np.linalg.norm(equation.A_bare, 2))
     converged = refined.step <= 1e-14
-    if refined.abscissa < -1e-6 * size or (converged and refined.abscissa < -1e-12 * size):
+    if refined.edge < -1e-6 * size or (converged and refined.edge < -1e-12 * size):
         return Status.SOLVED, ""
     status, message = _diagnosis(equation)
     if converged and message == ON_AXIS:
         return Status.SOLVED, ""  # a mere look at the Hamiltonian cannot tell "near the axis" from "on it"
     return status, message
-
-
-def _best(equation: _Equation, seeds: dict[str, FloatArray]) -> _Refined | None:
-    """Refine seeds in order of their residual until one converges."""
-    best: _Refined | None = None
-    size = {name: float(np.linalg.norm(_residual(equation, Extended.of(P))[0].high)) for name, P in seeds.items()}
-    for name in sorted(size, key=lambda name: size[name]):
-        best = _better(best, _refine(equation, seeds[name], name))
-        if best is not None and best.step <= 1e-15:
-            break
-    return best
-
-
-def _better(first: _Refined | None, second: _Refined | None) -> _Refined | None:
-    if first is None or second is None:
-        return first or second
-    return first if first.step <= second.step else second
 
 
 def _residual(equation: _Equation, P: Extended) -> tuple[Extended, Extended]:
@@ -237,30 +208,21 @@ def _residual(equation: _Equation, P: Extended) -> tuple[Extended, Extended]:
     return rest.symmetric(), gain
 
 
-def _refine(equation: _Equation, seed: FloatArray, method: str) -> _Refined | None:
-    """Newton's method (Kleinman, IEEE TAC 13 (1968) 114) on a correction of P, kept as a pair."""
-    P, last = Extended.of(seed), np.inf
-    best: _Refined | None = None
-    for _ in range(NEWTON_STEPS):
-        rest, gain = _residual(equation, P)
-        closed = equation.A - equation.B @ gain.high
-        abscissa = _abscissa(closed)
-        if not abscissa < 0.0:
-            break
-        correction = np.asarray(solve_continuous_lyapunov(closed.T, -rest.high), dtype=float)
-        size = float(np.linalg.norm(P.high))
-        step = float(np.linalg.norm(correction)) / size if size > 0.0 else float(np.linalg.norm(correction))
-        if not np.isfinite(step):
-            break
-        if best is None or step < best.step:
-            best = _Refined(P, gain, step, abscissa, method)
-        if step <= EPS**1.5 or (step < 1e-9 and step > 0.5 * last):
-            break
-        P, last = (P + Extended.of(0.5 * (correction + correction.T))).symmetric(), step
-    return best
+def _size_of_residual(equation: _Equation, P: Extended) -> float:
+    return float(np.linalg.norm(_residual(equation, P)[0].high))
 
 
-def _finished(equation: _Equation, refined: _Refined, agreed: Agreement) -> RiccatiSolution:
+def _newton(equation: _Equation, P: Extended) -> tuple[Extended, float, FloatArray] | None:
+    """One step of Newton's method (Kleinman, IEEE TAC 13 (1968) 114)."""
+    rest, gain = _residual(equation, P)
+    closed = equation.A - equation.B @ gain.high
+    abscissa = _abscissa(closed)
+    if not abscissa < 0.0:
+        return None
+    return gain, abscissa, np.asarray(solve_continuous_lyapunov(closed.T, -rest.high), dtype=float)
+
+
+def _finished(equation: _Equation, refined: Refined, condition: float, agreed: Agreement) -> RiccatiSolution:
     back = 1.0 / equation.states
     P = equation.scale * refined.P.high * np.outer(back, back)
     gain = refined.gain.high * back
@@ -268,7 +230,6 @@ def _finished(equation: _Equation, refined: _Refined, agreed: Agreement) -> Ricc
     stored = Extended.of(refined.P.high)
     rest, _ = _residual(equation, stored)
     residual = float(np.linalg.norm(rest.high)) / _size_of_terms(equation, stored.high)
-    condition = _condition(equation, stored.high)
     error = max(refined.step, 0.5 * EPS)
     status, message = verdict(refined.method, error, condition, agreed)
     return RiccatiSolution(

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,8 +21,9 @@ from scipy.linalg import LinAlgError, eigvals, matrix_balance, solve_discrete_ly
 from maglev_ctrl.arrays import FloatArray, read_only, read_only_any
 from maglev_ctrl.errors import Agreement, Status
 from maglev_ctrl.synthesis.extended import Extended, extended_solve
-from maglev_ctrl.synthesis.riccati import EPS, NEWTON_STEPS, RiccatiSolution, unsolved, verdict
+from maglev_ctrl.synthesis.riccati import RiccatiSolution, checked, unsolved, verdict
 from maglev_ctrl.synthesis.riccati_discrete_seeds import FALLBACK, PRIMARY, DiscreteSeed, extended_pencil
+from maglev_ctrl.synthesis.riccati_newton import EPS, Refined, agreement, best_refined, better
 
 ON_CIRCLE = "the extended pencil has eigenvalues on the unit circle: no stabilising solution"
 SINGULAR = "an input neither costs nor moves anything: R + B'XB is singular whatever X is"
@@ -44,15 +46,6 @@ class _Equation:
     @property
     def data(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
         return self.A, self.B, self.Q, self.R, self.N
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class _Refined:
-    X: Extended
-    gain: Extended
-    step: float
-    radius: float
-    method: str
 
 
 def riccati_discrete(
@@ -84,46 +77,19 @@ def riccati_discrete(
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
         equation = _scaled(a, b, q, r, n)
+        newton, size = partial(_newton, equation), partial(_size_of_residual, equation)
         seeds = _seeds(equation, PRIMARY)
-        refined = _best(equation, seeds)
+        refined = best_refined(seeds, newton, size)
         if len(seeds) < 2 or refined is None or refined.step > 1e-12:
             more = _seeds(equation, FALLBACK)
-            refined, seeds = _better(refined, _best(equation, more)), seeds | more
+            refined, seeds = better(refined, best_refined(more, newton, size)), seeds | more
         if refined is None:
             return unsolved(a, b, *_diagnosis(equation))
         status, message = _unsolvable(equation, refined)
         if status is not Status.SOLVED:
             return unsolved(a, b, status, message)
-        return _finished(equation, refined, _agreement(equation, seeds, refined))
-
-
-def checked(
-    A: ArrayLike, B: ArrayLike, Q: ArrayLike, R: ArrayLike, N: ArrayLike | None
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Data of one Riccati equation as arrays, shapes and symmetry checked.
-
-    Raises
-    ------
-    ValueError : shapes do not fit, or Q or R is not symmetric
-    """
-    a = read_only(A, name="A", shape=(None, None))
-    if a.ndim != 2 or a.shape[0] != a.shape[1] or not a.size:
-        raise ValueError(f"A: expected one square matrix, got shape {a.shape}")
-    states = a.shape[0]
-    b = read_only(B, name="B", shape=(states, None))
-    inputs = b.shape[-1]
-    if inputs == 0:
-        raise ValueError("B: expected at least one column")
-    q = read_only(Q, name="Q", shape=(states, states))
-    r = read_only(R, name="R", shape=(inputs, inputs))
-    n = read_only(np.zeros((states, inputs)) if N is None else N, name="N", shape=(states, inputs))
-    for name, matrix in (("B", b), ("Q", q), ("R", r), ("N", n)):
-        if matrix.ndim != 2:
-            raise ValueError(f"{name}: expected one matrix, got shape {matrix.shape}")
-    for name, matrix in (("Q", q), ("R", r)):
-        if np.linalg.norm(matrix - matrix.T) > 1e-10 * np.linalg.norm(matrix):
-            raise ValueError(f"{name}: expected a symmetric matrix")
-    return a, b, 0.5 * (q + q.T), 0.5 * (r + r.T), n
+        condition = _condition(equation, refined.P.high)
+        return _finished(equation, refined, condition, agreement(seeds, refined.P.high, condition, newton))
 
 
 def _scaled(A: FloatArray, B: FloatArray, Q: FloatArray, R: FloatArray, N: FloatArray) -> _Equation:
@@ -169,47 +135,17 @@ def _plain_gain(equation: _Equation, X: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.solve(R + B.T @ X @ B, B.T @ X @ A + N.T), dtype=float)
 
 
-def _agreement(equation: _Equation, seeds: dict[str, FloatArray], refined: _Refined) -> Agreement:
-    """Two seeds lie as near the refined solution as rounding of the data explains, or are led there by Newton steps."""
-    X = refined.X.high
-    allowed = max(1e-8, min(1e-3, 1e3 * EPS * _condition(equation, X)))
-    count = 0
-    for name, seed in seeds.items():
-        close = np.linalg.norm(seed - X) <= allowed * np.linalg.norm(X)
-        if not close and (led := _refine(equation, seed, name)) is not None:
-            close = np.linalg.norm(led.X.high - X) <= 1e-10 * np.linalg.norm(X)
-        count += bool(close)
-    return Agreement.AGREED if count >= 2 else Agreement.UNRESOLVED
-
-
-def _unsolvable(equation: _Equation, refined: _Refined) -> tuple[Status, str]:
+def _unsolvable(equation: _Equation, refined: Refined) -> tuple[Status, str]:
     """A closed loop that is all but neutral may be rounding's answer to a problem without a solution."""
     converged = refined.step <= 1e-14
     if refined.step > 1e-3:
         return _diagnosis(equation)
-    if refined.radius < 1.0 - 1e-6 or (converged and refined.radius < 1.0 - 1e-12):
+    if refined.edge < 1.0 - 1e-6 or (converged and refined.edge < 1.0 - 1e-12):
         return Status.SOLVED, ""
     status, message = _diagnosis(equation)
     if converged and message == ON_CIRCLE:
         return Status.SOLVED, ""  # a mere look at the pencil cannot tell "near the circle" from "on it"
     return status, message
-
-
-def _best(equation: _Equation, seeds: dict[str, FloatArray]) -> _Refined | None:
-    """Refine seeds in order of their residual until one converges."""
-    best: _Refined | None = None
-    size = {name: float(np.linalg.norm(_residual(equation, Extended.of(X))[0].high)) for name, X in seeds.items()}
-    for name in sorted(size, key=lambda name: size[name]):
-        best = _better(best, _refine(equation, seeds[name], name))
-        if best is not None and best.step <= 1e-15:
-            break
-    return best
-
-
-def _better(first: _Refined | None, second: _Refined | None) -> _Refined | None:
-    if first is None or second is None:
-        return first or second
-    return first if first.step <= second.step else second
 
 
 def _residual(equation: _Equation, X: Extended) -> tuple[Extended, Extended]:
@@ -222,37 +158,27 @@ def _residual(equation: _Equation, X: Extended) -> tuple[Extended, Extended]:
     return rest.symmetric(), gain
 
 
-def _refine(equation: _Equation, seed: FloatArray, method: str) -> _Refined | None:
-    """Newton's method (Hewer, IEEE TAC 16 (1971) 382) on a correction of X, kept as a pair."""
-    X, last = Extended.of(seed), np.inf
-    best: _Refined | None = None
-    for _ in range(NEWTON_STEPS):
-        try:
-            rest, gain = _residual(equation, X)
-            closed = equation.A - equation.B @ gain.high
-            radius = _radius(closed)
-            if not radius < 1.0:
-                break
-            correction = np.asarray(solve_discrete_lyapunov(closed.T, rest.high), dtype=float)
-        except (LinAlgError, ValueError):
-            break
-        size = float(np.linalg.norm(X.high))
-        step = float(np.linalg.norm(correction)) / size if size > 0.0 else float(np.linalg.norm(correction))
-        if not np.isfinite(step):
-            break
-        if best is None or step < best.step:
-            best = _Refined(X, gain, step, radius, method)
-        if step <= EPS**1.5 or (step < 1e-9 and step > 0.5 * last):
-            break
-        X, last = (X + Extended.of(0.5 * (correction + correction.T))).symmetric(), step
-    return best
+def _size_of_residual(equation: _Equation, X: Extended) -> float:
+    return float(np.linalg.norm(_residual(equation, X)[0].high))
 
 
-def _finished(equation: _Equation, refined: _Refined, agreed: Agreement) -> RiccatiSolution:
+def _newton(equation: _Equation, X: Extended) -> tuple[Extended, float, FloatArray] | None:
+    """One step of Newton's method (Hewer, IEEE TAC 16 (1971) 382)."""
+    try:
+        rest, gain = _residual(equation, X)
+        closed = equation.A - equation.B @ gain.high
+        radius = _radius(closed)
+        if not radius < 1.0:
+            return None
+        return gain, radius, np.asarray(solve_discrete_lyapunov(closed.T, rest.high), dtype=float)
+    except (LinAlgError, ValueError):
+        return None
+
+
+def _finished(equation: _Equation, refined: Refined, condition: float, agreed: Agreement) -> RiccatiSolution:
     back = 1.0 / equation.states
-    stored = refined.X.high
+    stored = refined.P.high
     poles = np.linalg.eigvals(equation.A - equation.B @ refined.gain.high)
-    condition = _condition(equation, stored)
     error = max(refined.step, 0.5 * EPS)
     status, message = verdict(refined.method, error, condition, agreed)
     price = equation.R + equation.B.T @ stored @ equation.B

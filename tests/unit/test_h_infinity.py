@@ -242,3 +242,10 @@ def test_a_mutant_formula_is_caught():
     assert norm(A, B, C, D) <= gamma
     for mutant in ((A, -B, C, D), (A, B, C, -D), (A.T, B, C, D), (A, B, 1.05 * C, D)):
         assert norm(*mutant) > gamma
+
+
+def test_a_bound_whose_square_is_no_number_has_no_game() -> None:
+    one = np.eye(1)
+    channel = Channel(one, one, one, np.array([[1.0], [0.0]]), np.zeros((2, 1)), np.array([[0.0], [1.0]]))
+    assert not solve_game(channel, np.inf).solvable and not solve_game(channel, 1e200).solvable
+    assert solve_game(channel, 1e100).solvable
