@@ -60,3 +60,29 @@ def test_damping_ratio_as_the_margin():
 def test_refusals(change, words):
     with pytest.raises(ValueError, match=words):
         damping_budget([_two_masses(0.0)], [CAR, BOGIE], **{"margins": [1.0], **change})
+
+
+def test_damping_that_hardly_moves_the_worst_pole_is_found_all_the_same():
+    # A car on a soft spring over a stiffly held bogie: the damper below the bogie moves the car's pole by little per
+    # N s/m. Brute force over one number is the other method.
+    masses, soft, stiff = np.diag([24e3, 6e3]), 0.75e6, 3.0e6
+    vehicle = SecondOrderSystem.from_matrices(masses, np.zeros((2, 2)), [[soft, -soft], [-soft, soft + stiff]])
+    direction = np.array([0.0, 1.0])
+
+    def slowest(c):
+        C = c * np.outer(direction, direction)
+        A = np.block(
+            [[np.zeros((2, 2)), np.eye(2)], [-np.linalg.solve(masses, vehicle.K), -np.linalg.solve(masses, C)]]
+        )
+        return -float(np.max(np.linalg.eigvals(A).real))
+
+    grid = np.geomspace(1e3, 1e7, 4000)
+    decays = np.array([slowest(c) for c in grid])
+    budget = damping_budget([vehicle], [DampingPlace("below", direction)], margins=[0.1, 0.25, 0.4])
+    for wanted, cost in zip(budget.together.margin, budget.together.cost, strict=True):
+        enough = grid[decays >= wanted]
+        if enough.size:
+            assert cost == pytest.approx(enough[0], rel=6e-3)  # the grid's step and the reserve of the search
+        else:
+            assert np.isnan(cost)
+    assert np.isfinite(budget.together.cost[:2]).all() and np.isnan(budget.together.cost[2])

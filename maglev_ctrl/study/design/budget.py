@@ -18,8 +18,10 @@ from maglev_ctrl.synthesis.damping.minimum import DampingDesign, minimum_damping
 from maglev_ctrl.synthesis.damping.places import DampingPlace
 from maglev_ctrl.systems import SecondOrderSystem
 
-GUARANTEE: Final = "every constant blend"
-"""What is asked for between the corners: speeds and payloads that do not change within a second or two."""
+GUARANTEE: Final = "each vertex"
+"""What every point of the curve has to carry."""
+BETWEEN: Final = "every constant blend"
+"""What is asked of the chosen dampers first: speeds and payloads that do not change within a second or two."""
 
 
 def with_budget(scenario: Scenario, option: OptionRecord) -> OptionModel:
@@ -36,7 +38,7 @@ def with_budget(scenario: Scenario, option: OptionRecord) -> OptionModel:
 
 
 def chosen_damping(model: OptionModel) -> DampingDesign:
-    """The cheapest dampers proved to reach the budget's chosen decay rate.
+    """The cheapest dampers proved to reach the budget's chosen decay rate, if possible between the corners too.
 
     Raises
     ------
@@ -45,7 +47,9 @@ def chosen_damping(model: OptionModel) -> DampingDesign:
     vertices, places = problem_of(model)
     budget = _record(model).damping_budget
     assert budget is not None
-    return minimum_damping([system for _, system in vertices], places, rate=budget.choose, guarantee=GUARANTEE)
+    systems = [system for _, system in vertices]
+    between = minimum_damping(systems, places, rate=budget.choose, guarantee=BETWEEN)
+    return between if between.certified else minimum_damping(systems, places, rate=budget.choose, guarantee=GUARANTEE)
 
 
 def whole_budget(model: OptionModel, *, step: Callable[[str], None] | None = None) -> DampingBudget:

@@ -13,7 +13,7 @@ from maglev_ctrl.analysis.margins import Margins, loop_margins
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.errors import MaglevError, ModelError
 from maglev_ctrl.scenario import OptionRecord, Scenario
-from maglev_ctrl.study.design.budget import chosen_model, problem_of, whole_budget
+from maglev_ctrl.study.design.budget import chosen_damping, chosen_model, problem_of, whole_budget
 from maglev_ctrl.study.design.corners import corners_of, systems_at
 from maglev_ctrl.study.design.evaluate import poles
 from maglev_ctrl.study.design.records import CornerPoles, LawStudy
@@ -44,6 +44,10 @@ def budgeted(scenario: Scenario, option: OptionRecord, blank: LawStudy, *, step:
     bare = OptionModel(scenario, option)
     budget = whole_budget(bare, step=step)
     design = budget.designs[int(np.argmin(np.abs(budget.together.margin - record.choose)))]
+    if design.certified:
+        if step is not None:
+            step(f"dampers for {record.choose:g} 1/s, between the operating points too")
+        design = chosen_damping(bare)
     blank = replace(blank, budget=budget, chosen=record.choose)
     try:
         model = chosen_model(bare, design)

@@ -19,8 +19,9 @@ from maglev_ctrl.arrays import ComplexArray, FloatArray
 from maglev_ctrl.synthesis.damping.places import DampedFamily
 
 STEPS = 60
-PENALTY = 100.0
-"""Price of a violated pole bound (scaled), far above what damping costs."""
+PENALTIES = (100.0, 3e3, 1e5)
+"""Prices of one unit of excess (scaled): the larger ones where damping moves the worst pole so little that leaving it
+outside is cheaper at the smaller."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -92,7 +93,14 @@ def least_cost(
     family: DampedFamily, bound: PoleBound, starts: Iterable[FloatArray], *, steps: int = STEPS
 ) -> tuple[Descent, ...]:
     """Descents from every start with all poles inside the bound, best first; `family` scaled to order one."""
-    found = [_descend(family, bound, np.clip(start, 0.0, family.limit), steps) for start in starts]
+    found = []
+    for start in starts:
+        end = _descend(family, bound, np.clip(start, 0.0, family.limit), steps, PENALTIES[0])
+        for price in PENALTIES[1:]:
+            if end.excess <= 0.0:
+                break
+            end = _descend(family, bound, np.maximum(end.c, np.clip(start, 0.0, family.limit)), steps, price)
+        found.append(end)
     return tuple(sorted(found, key=lambda x: (x.excess > 0.0, x.cost if x.excess <= 0.0 else x.excess)))
 
 
@@ -129,7 +137,7 @@ def trace_bound(family: DampedFamily, rate: float) -> float:
     return np.inf if found.status == 2 else 0.0
 
 
-def _descend(family: DampedFamily, bound: PoleBound, start: FloatArray, steps: int) -> Descent:
+def _descend(family: DampedFamily, bound: PoleBound, start: FloatArray, steps: int, price: float) -> Descent:
     c, radius = start, 0.5
     outside, slopes = _model(family, c, bound)
     best: Descent | None = None
@@ -137,13 +145,13 @@ def _descend(family: DampedFamily, bound: PoleBound, start: FloatArray, steps: i
         excess = float(np.max(outside))
         if excess <= 0.0 and (best is None or family.cost @ c < best.cost):
             best = Descent(c, float(family.cost @ c), excess)
-        step, predicted = _linear_step(family, c, outside, slopes, radius)
-        merit = family.cost @ c + PENALTY * max(excess, 0.0)
+        step, predicted = _linear_step(family, c, outside, slopes, radius, price)
+        merit = family.cost @ c + price * max(excess, 0.0)
         if merit - predicted <= 1e-10 * (abs(merit) + 1e-3):
             break
         trial = np.clip(c + step, 0.0, family.limit)
         trial_outside, trial_slopes = _model(family, trial, bound)
-        gain = merit - (family.cost @ trial + PENALTY * max(float(np.max(trial_outside)), 0.0))
+        gain = merit - (family.cost @ trial + price * max(float(np.max(trial_outside)), 0.0))
         if gain > 0.1 * (merit - predicted):
             c, outside, slopes = trial, trial_outside, trial_slopes
             radius = min(2.0 * radius, 4.0) if gain > 0.7 * (merit - predicted) else radius
@@ -174,14 +182,14 @@ def _repaired(
 
 
 def _linear_step(
-    family: DampedFamily, c: FloatArray, excess: FloatArray, slopes: FloatArray, radius: float
+    family: DampedFamily, c: FloatArray, excess: FloatArray, slopes: FloatArray, radius: float, price: float
 ) -> tuple[FloatArray, float]:
-    """min cost'(c + d) + penalty t with excess + slope'd <= t inside the trust region; (d, predicted merit)."""
+    """min cost'(c + d) + price t with excess + slope'd <= t inside the trust region; (d, predicted merit)."""
     k = len(c)
     size = radius * np.maximum(c, 0.02)
     rows = np.hstack([slopes, -np.ones((excess.size, 1))])
     found = linprog(
-        np.append(family.cost, PENALTY), A_ub=rows, b_ub=-excess,
+        np.append(family.cost, price), A_ub=rows, b_ub=-excess,
         bounds=[*_bounds(np.maximum(-c, -size), np.minimum(family.limit - c, size)), (0.0, None)], method="highs",
     )  # fmt: skip
     if found.x is None or found.fun is None:
