@@ -13,7 +13,7 @@ from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.errors import ModelError, NotStable
 from maglev_ctrl.synthesis.sampling import held, period
 from maglev_ctrl.systems import Controller
-from maglev_ctrl.systems.plant import Plant
+from maglev_ctrl.systems.plant import Plant, require_fit
 
 Method = Literal["tustin", "hold"]
 SCAN_RATIO = 1.05
@@ -221,13 +221,7 @@ def return_ratio(plant: Plant, controller: Controller) -> Loop:
     >>> return_ratio(plant, Controller.static([[-3.0]], measured=("x1",), commands=("u1",))).C.tolist()
     [[3.0]]
     """
-    if controller.measured != plant.measured or controller.commands != plant.commands:
-        raise ValueError(
-            f"controller: expected {plant.measured} -> {plant.commands}, got {controller.measured} -> "
-            f"{controller.commands}"
-        )
-    if controller.dt != plant.dt:
-        raise ValueError(f"controller: expected the sampling period {plant.dt}, got {controller.dt}")
+    require_fit(plant, controller)
     n_k = len(controller.A)
     A = np.block([[plant.A, np.zeros((len(plant.A), n_k))], [controller.B @ plant.C2, controller.A]])
     B = np.vstack([plant.B2, controller.B @ plant.D22])

@@ -128,6 +128,22 @@ def plant_fields() -> tuple[str, ...]:
     return tuple(field.name for field in fields(Plant))[:9]
 
 
+def require_fit(plant: Plant, controller: Controller) -> None:
+    """A controller takes a plant's measurements, in their order, and drives its commands at its sampling period.
+
+    Raises
+    ------
+    ValueError : names or sampling periods differ
+    """
+    if controller.measured != plant.measured or controller.commands != plant.commands:
+        raise ValueError(
+            f"controller: expected {plant.measured} -> {plant.commands}, got {controller.measured} -> "
+            f"{controller.commands}"
+        )
+    if controller.dt != plant.dt:
+        raise ValueError(f"controller: expected the sampling period {plant.dt}, got {controller.dt}")
+
+
 def closed_channel(plant: Plant, controller: Controller) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Closed loop from w to z of u = K y; states are the plant's, then the controller's. Returns (A, B, C, D).
 
@@ -142,13 +158,7 @@ def closed_channel(plant: Plant, controller: Controller) -> tuple[FloatArray, Fl
     >>> closed_channel(plant, Controller.static([[-3.0]], measured=("x1",), commands=("u1",)))[0]
     array([[-2.]])
     """
-    if controller.measured != plant.measured or controller.commands != plant.commands:
-        raise ValueError(
-            f"controller: expected {plant.measured} -> {plant.commands}, got {controller.measured} -> "
-            f"{controller.commands}"
-        )
-    if controller.dt != plant.dt:
-        raise ValueError(f"controller: expected the sampling period {plant.dt}, got {controller.dt}")
+    require_fit(plant, controller)
     A_k, B_k, C_k, D_k = controller.A, controller.B, controller.C, controller.D
     loop = np.linalg.inv(np.eye(len(plant.measured)) - plant.D22 @ D_k)
     # y = loop (C2 x + D21 w + D22 C_k x_k),  u = C_k x_k + D_k y
