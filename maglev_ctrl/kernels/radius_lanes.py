@@ -13,6 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from maglev_ctrl.kernels.compiled import compiled, compiled_sum
+from maglev_ctrl.kernels.lanes import lane_product
 from maglev_ctrl.kernels.spectral_radius import ACCURACY, CHECKS, LAST_SQUARING, ROUNDING, SAFETY, SLACK, TINY
 
 LANES_UP_TO: Final = 8  # larger matrices are multiplied one by one by BLAS, which is faster then
@@ -33,21 +34,7 @@ def _multiply(left: Any, right: Any, result: Any, lanes: int) -> None:
     if left.shape[2] == 1:
         np.dot(left.reshape(n, n), right.reshape(n, n), result.reshape(n, n))
         return
-    whole = n - n % 4
-    for i in range(n):
-        for j in range(n):
-            target = result[i, j]
-            for lane in range(lanes):
-                target[lane] = 0.0
-            for k in range(0, whole, 4):
-                a, b, c, d = left[i, k], left[i, k + 1], left[i, k + 2], left[i, k + 3]
-                e, f, g, h = right[k, j], right[k + 1, j], right[k + 2, j], right[k + 3, j]
-                for lane in range(lanes):
-                    target[lane] += a[lane] * e[lane] + b[lane] * f[lane] + c[lane] * g[lane] + d[lane] * h[lane]
-            for k in range(whole, n):
-                a, e = left[i, k], right[k, j]
-                for lane in range(lanes):
-                    target[lane] += a[lane] * e[lane]
+    lane_product(left, right, result, lanes)
 
 
 @compiled

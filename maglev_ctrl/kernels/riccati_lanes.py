@@ -14,6 +14,7 @@ import numpy as np
 
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.kernels.compiled import compiled, require_numba
+from maglev_ctrl.kernels.lanes import lane_product
 
 MAXIMUM_DOUBLINGS: Final = 40
 _BLOCK: Final = 32  # equations of a block: enough to vectorise, few enough for the second-level cache
@@ -40,27 +41,6 @@ def many_by_doubling(
     a, g, q = (np.ascontiguousarray(x) for x in (A, G, Q))
     _equations(a, g, q, float(factor), _BLOCK, P, residual, rest)
     return P, residual, rest
-
-
-@compiled
-def _product(left: Any, right: Any, result: Any, lanes: int) -> None:
-    """result = left @ right for every lane; (r, k, block), (k, c, block), (r, c, block)."""
-    inner = left.shape[1]
-    whole = inner - inner % 4
-    for i in range(left.shape[0]):
-        for j in range(right.shape[1]):
-            target = result[i, j]
-            for lane in range(lanes):
-                target[lane] = 0.0
-            for k in range(0, whole, 4):
-                a, b, c, d = left[i, k], left[i, k + 1], left[i, k + 2], left[i, k + 3]
-                e, f, g, h = right[k, j], right[k + 1, j], right[k + 2, j], right[k + 3, j]
-                for lane in range(lanes):
-                    target[lane] += a[lane] * e[lane] + b[lane] * f[lane] + c[lane] * g[lane] + d[lane] * h[lane]
-            for k in range(whole, inner):
-                a, e = left[i, k], right[k, j]
-                for lane in range(lanes):
-                    target[lane] += a[lane] * e[lane]
 
 
 @compiled
@@ -159,8 +139,8 @@ def _started(
         for j in range(n):
             for lane in range(lanes):
                 one[i, j, lane] = work[i, n + j, lane]  # V
-    _product(one, G, two, lanes)  # V G
-    _product(Q, two, three, lanes)
+    lane_product(one, G, two, lanes)  # V G
+    lane_product(Q, two, three, lanes)
     for i in range(n):
         for j in range(n):
             for lane in range(lanes):
@@ -172,9 +152,9 @@ def _started(
             for lane in range(lanes):
                 three[i, j, lane] = work[i, n + j, lane]  # W
                 power[j, i, lane] = 2.0 * shift[lane] * three[i, j, lane] + (1.0 if i == j else 0.0)
-    _product(two, three, dual, lanes)
-    _product(three, Q, two, lanes)
-    _product(two, one, primal, lanes)
+    lane_product(two, three, dual, lanes)
+    lane_product(three, Q, two, lanes)
+    lane_product(two, one, primal, lanes)
     for matrix in (dual, primal):
         for i in range(n):
             for j in range(i + 1):
@@ -189,7 +169,7 @@ def _doubled(power: Any, dual: Any, primal: Any, lanes: int, scratch: Any, work:
     """One doubling; norms of the step of `primal` and of `primal`."""
     n = power.shape[0]
     one, two, three = scratch[0], scratch[1], scratch[2]
-    _product(dual, primal, one, lanes)
+    lane_product(dual, primal, one, lanes)
     for i in range(n):
         for j in range(n):
             for lane in range(lanes):
@@ -205,13 +185,13 @@ def _doubled(power: Any, dual: Any, primal: Any, lanes: int, scratch: Any, work:
                 ahead[i, j, lane] = work[i, n + j, lane]
                 through[i, j, lane] = work[i, 2 * n + j, lane]
     _transposed(power, three, lanes)
-    _product(through, three, one, lanes)
-    _product(power, one, two, lanes)
+    lane_product(through, three, one, lanes)
+    lane_product(power, one, two, lanes)
     _added(dual, two, lanes, moved, size)
-    _product(primal, ahead, one, lanes)
-    _product(three, one, two, lanes)
+    lane_product(primal, ahead, one, lanes)
+    lane_product(three, one, two, lanes)
     _added(primal, two, lanes, moved, size)
-    _product(power, ahead, one, lanes)
+    lane_product(power, ahead, one, lanes)
     for i in range(n):
         for j in range(n):
             for lane in range(lanes):
@@ -254,9 +234,9 @@ def _judged(
     """Residual of the equation relative to the norms of its terms, and the norm of the last power."""
     n = A.shape[0]
     forward, middle, quadratic = scratch[0], scratch[1], scratch[2]
-    _product(primal, A, forward, lanes)
-    _product(primal, G, middle, lanes)
-    _product(middle, primal, quadratic, lanes)
+    lane_product(primal, A, forward, lanes)
+    lane_product(primal, G, middle, lanes)
+    lane_product(middle, primal, quadratic, lanes)
     for lane in range(lanes):
         total = 0.0
         for i in range(n):
