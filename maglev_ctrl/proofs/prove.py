@@ -122,10 +122,10 @@ def _check_claim(
     numbers = [np.asarray(P)]
     match claim:
         case DecayClaim(rate=rate):
-            numbers.append(np.asarray(rate))
+            numbers.append(np.asarray(float(rate) + float(rate)))  # the inequality holds it doubled
         case RegionClaim(L=L, M=matrix):
             numbers += [L, matrix]
-            if L.ndim != 2 or L.shape != matrix.shape or not np.array_equal(L, L.T):
+            if L.ndim != 2 or not L.size or L.shape != matrix.shape or not np.array_equal(L, L.T):
                 raise Mismatch("the region needs square matrices L (symmetric) and M of one size")
         case GainClaim(gamma=bound) | EnergyClaim(level=bound):
             numbers.append(np.asarray(bound))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 
 from maglev_ctrl.proofs.claims import (
     Claim,
@@ -46,28 +48,44 @@ def statement(claim: Claim, plants: Sequence[Plant], covered: str) -> str:
     subject = f"{loops}, and of {covered}," if covered else loops
     match claim:
         case DecayClaim(rate=rate):
-            told = "is stable" if rate == 0.0 else f"decays at {rate:.10g} 1/s or faster"
+            told = "is stable" if rate == 0.0 else f"decays at {_at_most(rate)} 1/s or faster"
             return f"every pole of {subject} {told}"
         case RegionClaim(region=region, L=L, M=matrix):
             where = f"L + s M + conj(s) M' < 0, L = {L.tolist()}, M = {matrix.tolist()}"
             return f"every pole of {subject} lies in the region {region} ({where})"
         case GainClaim(gamma=gamma):
-            return f"the peak gain of {subject} from {_channel(claim, plants)} is below {gamma:.10g}"
+            return f"the peak gain of {subject} from {_channel(claim, plants)} is below {_at_least(gamma)}"
         case EnergyClaim(level=level):
-            return f"the H2 norm of {subject} from {_channel(claim, plants)} is below {level:.10g}"
+            return f"the H2 norm of {subject} from {_channel(claim, plants)} is below {_at_least(level)}"
         case EllipsoidClaim(limits=limits):
             named = ", ".join(
-                f"|{name}| < {limit:.10g}" for name, limit in zip(plants[0].commands, limits, strict=False)
+                f"|{name}| < {_at_least(limit)}" for name, limit in zip(plants[0].commands, limits, strict=False)
             )
             return f"the ellipsoid x'P x <= 1 of {subject} is never left without disturbance, and in it {named}"
         case ParameterClaim(rate=rate):
-            told = "is stable" if rate == 0.0 else f"decays at {rate:.10g} 1/s or faster"
+            told = "is stable" if rate == 0.0 else f"decays at {_at_most(rate)} 1/s or faster"
             return f"every pole of {loops}, and of every constant loop between them, {told}"
         case SegmentClaim(width=width, speed_limit=speed):
             return (
-                f"the loop is stable everywhere between the 2 closed loops while the parameter, {width:.10g} wide, "
-                f"moves at {speed:.10g} per second or slower"
+                "the loop is stable everywhere between the 2 closed loops while the parameter, "
+                f"{_at_least(width)} wide, moves at {_at_most(speed)} per second or slower"
             )
+
+
+def _at_least(value: float) -> str:
+    """Ten digits, rounded up where they do not tell the number: a bound from above stays one."""
+    return _told(value, ROUND_CEILING)
+
+
+def _at_most(value: float) -> str:
+    return _told(value, ROUND_FLOOR)
+
+
+def _told(value: float, rounding: str) -> str:
+    nearest = f"{value:.10g}"
+    if not math.isfinite(value) or float(nearest) == value:
+        return nearest
+    return f"{float(Context(prec=10, rounding=rounding).create_decimal(Decimal(value))):.10g}"
 
 
 def _channel(claim: GainClaim | EnergyClaim, plants: Sequence[Plant]) -> str:
