@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING, assert_never
 
 import numpy as np
 
-from maglev_ctrl.arrays import FloatArray, read_only
+from maglev_ctrl.arrays import read_only
 from maglev_ctrl.errors import ModelError, Status
-from maglev_ctrl.proofs.claims import DecayClaim
-from maglev_ctrl.proofs.makers import lyapunov_claim
-from maglev_ctrl.proofs.prove import prove
+from maglev_ctrl.proofs.makers import decay_claim
 from maglev_ctrl.scenario import ControlLaw, OptionRecord, Scenario, control_law
 from maglev_ctrl.scenario.control_schema import (
     Corners,
@@ -48,7 +46,7 @@ from maglev_ctrl.synthesis.skyhook import SkyHook as SkyHookDamper
 from maglev_ctrl.synthesis.skyhook import sky_hook
 from maglev_ctrl.synthesis.weights import InputWeight, OutputWeight
 from maglev_ctrl.systems import Controller, SecondOrderSystem
-from maglev_ctrl.systems.plant import Plant, closed_channel
+from maglev_ctrl.systems.plant import Plant
 from maglev_ctrl.systems.scheduled import ScheduledController
 
 if TYPE_CHECKING:
@@ -220,25 +218,9 @@ def _plain(task: Task, system: SecondOrderSystem, design: Design) -> MadeLaw:
     plant = judged_plant(system, design.controller, task)
     synthesis = proven(
         design.law, [plant], [design.controller],
-        claims=[decay_claim(plant, design.controller)], notes=design.notes, status=_claimed(design.status),
+        claims=[decay_claim([plant], [design.controller])], notes=design.notes, status=_claimed(design.status),
     )  # fmt: skip
     return MadeLaw(replace(design, synthesis=synthesis), task.corners(None))
-
-
-def decay_claim(plant: Plant, controller: Controller) -> DecayClaim:
-    """Decay at almost the rate of the slowest pole, or at the largest share of it that ordinary rounding can prove.
-
-    Raises
-    ------
-    ModelError : the loop is not stable; the pole is named
-    """
-    A: FloatArray = closed_channel(plant, controller)[0]
-    rate = -float(np.max(np.linalg.eigvals(A).real))
-    for share in (0.98, 0.9, 0.5):
-        claim = lyapunov_claim([plant], [controller], rate=share * max(rate, 0.0))
-        if prove(claim, [plant], [controller]).holds:
-            return claim
-    return lyapunov_claim([plant], [controller])
 
 
 def _claimed(status: Status) -> Status:
