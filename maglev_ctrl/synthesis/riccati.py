@@ -217,7 +217,7 @@ def _newton(equation: _Equation, P: Extended) -> tuple[Extended, float, FloatArr
     rest, gain = _residual(equation, P)
     closed = equation.A - equation.B @ gain.high
     abscissa = _abscissa(closed)
-    if not abscissa < 0.0:
+    if not abscissa < 0.0 or not np.isfinite(rest.high).all():  # without a solution the iterates may run off
         return None
     return gain, abscissa, np.asarray(solve_continuous_lyapunov(closed.T, -rest.high), dtype=float)
 

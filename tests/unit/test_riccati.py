@@ -211,3 +211,12 @@ def test_a_point_without_a_solution_does_not_send_its_batch_the_slow_way() -> No
     batch = riccati_batch(A, B, weights[0], weights[3], weights[1])
     assert not batch.solved[17] and np.count_nonzero(batch.solved) == 39
     assert np.flatnonzero(batch.redone).tolist() == [17]
+
+
+@pytest.mark.parametrize("weight", [-2.0, -1.000001, -1e6])
+def test_an_indefinite_weight_without_a_solution_is_refused_and_nothing_is_raised(weight) -> None:
+    # -2 P - P^2 + weight = 0 has no real root below weight = -1; the iteration runs off to infinity
+    solution = riccati_continuous([[-1.0]], [[1.0]], [[weight]], [[1.0]])
+    assert solution.status not in (Status.SOLVED, Status.ALMOST_SOLVED)
+    with pytest.raises(ModelError, match="Riccati"):
+        solution.require()
