@@ -51,8 +51,9 @@ def statement(claim: Claim, plants: Sequence[Plant], covered: str) -> str:
             told = "is stable" if rate == 0.0 else f"decays at {_at_most(rate)} 1/s or faster"
             return f"every pole of {subject} {told}"
         case RegionClaim(region=region, L=L, M=matrix):
-            where = f"L + s M + conj(s) M' < 0, L = {L.tolist()}, M = {matrix.tolist()}"
-            return f"every pole of {subject} lies in the region {region} ({where})"
+            s = "s" if plants[0].dt is None else "z"
+            where = f"L + {s} M + conj({s}) M' < 0, L = {L.tolist()}, M = {matrix.tolist()}"
+            return f"every pole of {subject} lies in the region called {region} ({where})"
         case GainClaim(gamma=gamma):
             return f"the peak gain of {subject} from {_channel(claim, plants)} is below {_at_least(gamma)}"
         case EnergyClaim(level=level):

@@ -113,7 +113,7 @@ def test_a_design_without_claims_proves_nothing(here: Path, capsys: Capture, tmp
     assert main(["verify", str(tmp_path / "bare.json")]) == 1
     assert "the file makes no claim" in capsys.readouterr().out
     assert main(["export", str(tmp_path / "bare.json"), "--to", "json"]) == 2
-    assert "lqr is not proved and is not exported: there is nothing to prove" in capsys.readouterr().err
+    assert "lqr is not proved and is not exported: the file makes no claim" in capsys.readouterr().err
 
 
 WRONG = [

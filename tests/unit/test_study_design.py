@@ -104,8 +104,38 @@ def test_a_changed_gain_is_not_proved_again(study: DesignStudy) -> None:
     gains = document["controllers"][0]["D"]
     gains[0] = [-value for value in gains[0]]
     assert not any(proof.holds for proof in prove_again(from_document(document)).proofs)
+    assert not prove_again(from_document(document)).proved
     none = {**document, "claims": []}
-    assert prove_again(from_document(none)).reason == "there is nothing to prove"
+    assert prove_again(from_document(none)).doubts == ("the file makes no claim: there is nothing to prove",)
+
+
+@pytest.mark.parametrize(
+    ("part", "said"),
+    [("plants", "no claim says that the loop at plant 2"), ("controllers", "no claim speaks of law 2")],
+)
+def test_what_no_claim_speaks_of_is_told(study: DesignStudy, part: str, said: str) -> None:
+    document = json.loads(json.dumps(law(study, "lqr").document))
+    assert prove_again(from_document(document)).proved
+    document[part].append(document[part][0])
+    again = prove_again(from_document(document))
+    assert all(proof.holds for proof in again.proofs) and not again.proved
+    assert said in again.doubts[0]
+
+
+def test_a_claim_that_says_nothing_covers_nothing(study: DesignStudy) -> None:
+    document = json.loads(json.dumps(law(study, "lqr").document))
+    document["claims"][0]["rate"] = -1e6
+    again = prove_again(from_document(document))
+    assert all(proof.holds for proof in again.proofs) and not again.proved
+
+
+def test_a_sampled_law_that_is_not_the_proved_one_is_told(study: DesignStudy) -> None:
+    document = json.loads(json.dumps(law(study, "lqr").document))
+    gains = document["extra"]["sampled"]["controllers"][0]["D"]
+    gains[0] = [0.6 * value for value in gains[0]]
+    again = prove_again(from_document(document))
+    assert all(proof.holds for proof in again.proofs) and not again.proved
+    assert "is not the proved law sampled every" in again.doubts[0]
 
 
 def test_the_sampled_law_is_tustins_and_is_in_the_document(study: DesignStudy) -> None:

@@ -62,11 +62,13 @@ def corner_table(option: LawStudy) -> Table:
 
 
 def gain_table(option: LawStudy) -> Table | None:
-    """The gains of a constant law; of a dynamic one its order and poles are told elsewhere, so None."""
-    design = option.design
-    if design is None or design.controller.states or design.schedule is not None:
+    """The gains of a constant law as it was proved; None for a dynamic one, whose poles are told elsewhere."""
+    synthesis = option.synthesis
+    if option.design is None or synthesis is None or len(synthesis.controllers) != 1:
         return None
-    law = design.controller
+    law = synthesis.controllers[0]
+    if law.states:
+        return None
     entries = [
         (law.commands[i], law.measured[j], float(law.D[i, j]))
         for i in range(law.D.shape[0])
@@ -86,6 +88,8 @@ def gain_table(option: LawStudy) -> Table | None:
     )
     more = len(entries) - len(rows)
     caption = f"Gains of {option.label}: u = gain x measurement"
+    if option.predictive is not None:
+        caption += ", of the sampled law that acts where a step fails"
     caption += f" ({more} more are in design.json)" if more > 0 else ""
     return Table(caption, ("Command", "Measured", "Gain", "Unit"), rows, (1.6, 2.2, 1.2, 1.0), (2,), True)
 

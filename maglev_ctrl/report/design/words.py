@@ -68,7 +68,7 @@ def _told(synthesis: Synthesis, places: Sequence[int]) -> str:
 
 
 def _short(proof: Proof) -> str:
-    return rounded_claim(proof.statement.partition(" (L + s M")[0])
+    return rounded_claim(proof.statement.partition(" (L + ")[0])
 
 
 def rounded_claim(statement: str) -> str:

@@ -11,16 +11,21 @@ from typing import Any
 
 import numpy as np
 
+from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.errors import ModelError
 from maglev_ctrl.proofs.claims import Proof
+from maglev_ctrl.proofs.coverage import spoken_of, uncovered
 from maglev_ctrl.proofs.file import DesignFile, Schedule, from_document, recheck, to_document
 from maglev_ctrl.scenario import Scenario
 from maglev_ctrl.study.design.records import LawStudy
 from maglev_ctrl.study.design.signals import signal_units
+from maglev_ctrl.synthesis.discretise import discretise
 from maglev_ctrl.systems import Controller
 
 FORMAT = "maglev_ctrl designs 1"
 SIZE_LIMIT = 256 * 2**20
+ROUNDING = 1e-9
+"""Relative difference between a stored sampled law and the same made again: other libraries round otherwise."""
 SAMPLED = "sampled"
 """Key of `extra` that holds the laws as a computer runs them."""
 KIND = "kind"
@@ -32,10 +37,16 @@ LAW, DAMPERS, PREDICTIVE = "law", "dampers", "predictive"
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ProvedAgain:
-    """Proofs made again from a file; `reason` why there are none."""
+    """Proofs made again from a file, the operating points each speaks of, and what nothing proved speaks of."""
 
     proofs: tuple[Proof, ...]
-    reason: str = ""
+    places: tuple[str, ...]
+    doubts: tuple[str, ...]
+
+    @property
+    def proved(self) -> bool:
+        """Every claim holds, and the claims speak of every plant and law of the file."""
+        return bool(self.proofs) and all(proof.holds for proof in self.proofs) and not self.doubts
 
 
 def design_document(scenario: Scenario, study: LawStudy) -> dict[str, Any] | None:
@@ -148,10 +159,33 @@ def pick(designs: Sequence[DesignFile], name: str | None, *, file: Path) -> Desi
 
 
 def prove_again(design: DesignFile) -> ProvedAgain:
-    """Every claim of a design proved again from its numbers; a design without claims proves nothing."""
+    """Every claim of a design proved again from its numbers, and whether the claims speak of all the file holds."""
     if not design.claims:
-        return ProvedAgain((), "there is nothing to prove")
-    return ProvedAgain(recheck(design))
+        return ProvedAgain((), (), ("the file makes no claim: there is nothing to prove",))
+    doubts = (*uncovered(design.claims, design.plants, design.controllers), *_altered(design))
+    places = tuple(spoken_of(claim, design.plants) for claim in design.claims)
+    return ProvedAgain(recheck(design), places, doubts)
+
+
+def _altered(design: DesignFile) -> tuple[str, ...]:
+    """Sampled laws that are not what sampling makes of the proved ones."""
+    held = sampled_controllers(design)
+    if held is None:
+        return ()
+    period, laws = held
+    wanted = [law if law.dt is not None else discretise(law, period) for law in design.controllers]
+    if len(wanted) != len(laws):
+        return (f"the file holds {len(laws)} sampled laws for {len(wanted)} proved ones",)
+    for j, (law, right) in enumerate(zip(laws, wanted, strict=True)):
+        for key in "ABCD":
+            one, other = getattr(law, key), getattr(right, key)
+            if one.shape != other.shape or not np.allclose(one, other, rtol=ROUNDING, atol=ROUNDING * _size(other)):
+                return (f"sampled law {j + 1} ({law.name!r}) is not the proved law sampled every {period:g} s",)
+    return ()
+
+
+def _size(matrix: FloatArray) -> float:
+    return float(np.max(np.abs(matrix), initial=0.0))
 
 
 def sampled_controllers(design: DesignFile) -> tuple[float, tuple[Controller, ...]] | None:
