@@ -95,7 +95,7 @@ def export(
     from maglev_ctrl.report.design.exports import export_design
     from maglev_ctrl.report.folder import require_writable, write_whole
     from maglev_ctrl.scenario.units import Unit
-    from maglev_ctrl.study.design.document import load_designs, pick, prove_again
+    from maglev_ctrl.study.design.document import changed_since, load_designs, pick, prove_again
 
     found = pick(load_designs(file), option, file=file)
     seconds = None
@@ -108,6 +108,9 @@ def export(
     if not again.proved:
         why = [*(proof.statement for proof in again.proofs if not proof.holds), *again.doubts]
         raise ModelError(f"{file}: {found.name} is not proved and is not exported: {why[0]}")
+    changed = changed_since(file)
+    if changed:
+        raise ModelError(f"{file}: nothing is exported: {changed}")
     folder = out if out is not None else file.parent
     require_writable(folder, results="exports")
     try:
@@ -124,13 +127,14 @@ def verify(
     """Prove every claim of a design file again, from the file alone and without a solver.
 
     Every plant and every law the file holds must be spoken of by a claim of stability, and sampled laws must be what
-    sampling makes of the proved ones. Other texts and numbers of the file (names of laws, performance, notes) are as
-    the design wrote them. Exit status: 0 everything is proved, 1 something is not, 2 the file is no design.
+    sampling makes of the proved ones. Other texts and numbers of the file (names of laws, performance, notes) prove
+    nothing; a digest tells whether the file is as it was written. Exit status: 0 everything is proved, 1 something is
+    not, or the file was changed, 2 the file is no design.
     """
     from rich.markup import escape
     from rich.table import Table
 
-    from maglev_ctrl.study.design.document import load_designs, prove_again
+    from maglev_ctrl.study.design.document import changed_since, load_designs, prove_again
 
     screen, proved = console(), True
     for found in load_designs(file):
@@ -145,6 +149,10 @@ def verify(
         screen.print(table)
         for doubt in again.doubts:
             typer.echo(f"{found.name}: {doubt}")
+    changed = changed_since(file)
+    if changed:
+        typer.echo(f"{file}: {changed}")
+    proved = proved and not changed
     typer.echo("proved" if proved else "NOT PROVED")
     raise typer.Exit(PASSED if proved else NOT_PASSED)
 
@@ -153,6 +161,8 @@ def _print(study: DesignStudy) -> None:
     from rich.markup import escape
     from rich.table import Table
 
+    from maglev_ctrl.report.design.content import THIN_GAIN, THIN_PHASE
+    from maglev_ctrl.report.design.tables import smallest_margins
     from maglev_ctrl.report.design.words import claims_in_short
 
     screen = console()
@@ -169,5 +179,8 @@ def _print(study: DesignStudy) -> None:
         if option.synthesis is not None and not option.failure:
             said += claims_in_short(option.synthesis)
         said += [f"with actuator delays: {option.delays}"] if option.delays else []
+        gain, phase, _ = smallest_margins(option.margins)
+        if gain < THIN_GAIN or phase < THIN_PHASE:
+            said.append(f"but margins are thin: {gain:.3g} dB, {phase:.3g} deg")
         table.add_row(name, f"[{STYLES[verdict]}]{verdict}[/]", escape("\n".join(said)))
     screen.print(table)

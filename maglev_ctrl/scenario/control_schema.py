@@ -235,6 +235,8 @@ ControlRecord = Annotated[
 ]
 WEIGHTED = (Lqr, Lqi, Lqg, RiccatiLaw, MultiObjective, OutputFeedback, Scheduled, Predictive)
 """Laws with a list of allowed values."""
+DISTURBED = (Lqg, RiccatiLaw, MultiObjective, OutputFeedback)
+"""Laws that name the disturbance they are made against."""
 
 
 class DampingBudget(Record):

@@ -63,10 +63,14 @@ def option_loops(model: OptionModel, situation: Situation, controller: Controlle
 
 
 def own_connections(model: OptionModel, vehicle: Vehicle) -> tuple[str, ...]:
-    """Names of the springs and dampers that the option adds to the bare vehicle."""
+    """Names of the springs and dampers that the option adds to the bare vehicle; a damper of nothing is no channel."""
     bare = OptionModel(model.scenario, None).vehicle()
     shared = {connection.name for connection in bare.connections}
-    return tuple(connection.name for connection in vehicle.connections if connection.name not in shared)
+    return tuple(
+        one.name
+        for one in vehicle.connections
+        if one.name not in shared and (one.stiffness != 0.0 or one.damping != 0.0)
+    )
 
 
 def root_locus(loops: OptionLoops) -> RootLocus:

@@ -16,6 +16,7 @@ from maglev_ctrl.report.design.charts import (
     poles_chart,
     schedule_chart,
 )
+from maglev_ctrl.report.design.levels import level_blocks
 from maglev_ctrl.report.design.tables import (
     budget_table,
     claim_table,
@@ -153,6 +154,7 @@ def _option(option: LawStudy) -> list[Section]:
     blocks.append(claim_table(option))
     if option.synthesis.performance:
         blocks.append(performance_table(option))
+    blocks += level_blocks(option)
     for chart in (poles_chart(option), gain_chart(option)):
         if chart is not None:
             blocks.append(FigureBlock(chart))
@@ -249,7 +251,14 @@ def _sampled(option: LawStudy) -> list[Block]:
     if option.sampled is None:
         return []
     if option.sampled.loss is None:
-        return [Paragraph(f"Sampled every {number(1e3 * option.sampled.period, 'ms')}: {option.sampled.reason}.")]
+        words = f"Sampled every {number(1e3 * option.sampled.period, 'ms')}: {option.sampled.reason}."
+        if option.sampled.margins is not None:
+            gain, phase, disk = smallest_margins(option.sampled.margins)
+            words += (
+                f" Smallest margins of the sampled loop, actuator delays left out: {number(gain, 'dB')}, "
+                f"{number(phase, 'deg')}, disk margin {number(disk)}."
+            )
+        return [Paragraph(words)]
     return [sampled_table(option.sampled)]
 
 

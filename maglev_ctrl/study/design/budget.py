@@ -20,6 +20,8 @@ from maglev_ctrl.systems import SecondOrderSystem
 
 GUARANTEE: Final = "each vertex"
 """What every point of the curve has to carry."""
+NOTHING: Final = 1e-9
+"""Dampers below this share of the largest are what the search left of zero."""
 BETWEEN: Final = "every constant blend"
 """What is asked of the chosen dampers first: speeds and payloads that do not change within a second or two."""
 
@@ -81,7 +83,9 @@ def chosen_model(model: OptionModel, design: DampingDesign) -> OptionModel:
     """
     if not design.certified:
         raise ModelError(f"damping budget: {design.reason or design.synthesis.message}")
-    return replace(model, dampings=tuple(zip(design.places, (float(c) for c in design.damping), strict=True)))
+    least = NOTHING * float(np.max(design.damping, initial=0.0))
+    kept = (float(c) if c > least else 0.0 for c in design.damping)
+    return replace(model, dampings=tuple(zip(design.places, kept, strict=True)))
 
 
 def problem_of(model: OptionModel) -> tuple[list[tuple[Corner, SecondOrderSystem]], tuple[DampingPlace, ...]]:

@@ -13,7 +13,7 @@ from maglev_ctrl.analysis.margins import Margins, loop_margins
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.errors import MaglevError, ModelError
 from maglev_ctrl.scenario import OptionRecord, Scenario
-from maglev_ctrl.study.design.budget import chosen_damping, chosen_model, problem_of, whole_budget
+from maglev_ctrl.study.design.budget import NOTHING, chosen_damping, chosen_model, problem_of, whole_budget
 from maglev_ctrl.study.design.corners import corners_of, systems_at
 from maglev_ctrl.study.design.evaluate import poles
 from maglev_ctrl.study.design.records import CornerPoles, LawStudy
@@ -22,8 +22,6 @@ from maglev_ctrl.study.situation import OptionModel, Situation
 from maglev_ctrl.systems import Controller
 
 Step = Callable[[str], None]
-NOTHING: Final = 1e-9
-"""Dampers below this share of the largest are what the search left of zero."""
 _NEWTONS: Final = re.compile(r"([\d.]+(?:e[+-]?\d+)?) N s/m")
 _COSTS: Final = re.compile(r"(cost|less than) ([\d.]+(?:e[+-]?\d+)?)")
 

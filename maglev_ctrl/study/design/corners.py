@@ -34,10 +34,22 @@ def corners_of(model: OptionModel, corners: Corners | None) -> tuple[Corner, ...
     found = [first]
     for *values, factor in product(*axes.values(), factors):
         given = dict(zip(axes, values, strict=True))
-        words = [f"{key} {value * _UNITS[key][1]:g} {_UNITS[key][0]}" for key, value in given.items()]
+        words = [corner_words(key, value) for key, value in given.items()]
         words += [f"magnetic stiffness x {factor:g}"] if corners.magnetic_stiffness else []
         found.append(Corner(replace(design, **given), factor, ", ".join(words)))
     return tuple(found)
+
+
+def corner_words(quantity: str, value: float) -> str:
+    """An operating parameter and its value (SI) as people write it.
+
+    Examples
+    --------
+    >>> corner_words("speed", 125.0)
+    'speed 450 km/h'
+    """
+    unit, scale = _UNITS[quantity]
+    return f"{quantity} {value * scale:.6g} {unit}"
 
 
 def systems_at(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -81,8 +82,29 @@ def design_document(scenario: Scenario, study: LawStudy) -> dict[str, Any] | Non
 
 def designs_text(documents: Sequence[dict[str, Any]], *, created: str, versions: Sequence[tuple[str, str]]) -> str:
     """The documents of a study as the text of one JSON file; floats are written so that they read back the same."""
-    whole = {"format": FORMAT, "designs": dated(documents, created=created, versions=versions)}
+    designs = dated(documents, created=created, versions=versions)
+    whole = {"format": FORMAT, "digest": _digest(designs), "designs": designs}
     return json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def changed_since(path: Path) -> str:
+    """Whether the file is as it was written; '' where it is, else a sentence.
+
+    A digest finds slips and edits, texts and names among them; it is no seal against someone who makes a new one.
+
+    Raises
+    ------
+    ModelError : as for `load_designs`
+    """
+    data = _read(path)
+    if data.get("digest") == _digest(data["designs"]):
+        return ""
+    return "the file is not as it was written: its digest differs" if "digest" in data else "the file has no digest"
+
+
+def _digest(designs: Sequence[object]) -> str:
+    text = json.dumps(designs, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def dated(
@@ -111,6 +133,18 @@ def load_designs(path: Path) -> tuple[DesignFile, ...]:
     ------
     ModelError : no such file, not JSON, not of this format, or a part of it is wrong; one sentence with the place
     """
+    found: list[DesignFile] = []
+    for position, one in enumerate(_read(path)["designs"]):
+        try:
+            found.append(from_document(one))
+        except (ModelError, ValueError) as fault:
+            raise ModelError(f"{path}: designs[{position}]: {fault}") from None
+    if not found:
+        raise ModelError(f"{path}: the file holds no design")
+    return tuple(found)
+
+
+def _read(path: Path) -> dict[str, Any]:
     try:
         if path.is_file() and path.stat().st_size > SIZE_LIMIT:
             raise ModelError(f"{path}: expected a design file of at most 256 MiB")
@@ -128,15 +162,7 @@ def load_designs(path: Path) -> tuple[DesignFile, ...]:
         raise ModelError(f"{path}:{line}: expected JSON as `design` writes it: {fault}") from None
     if not isinstance(data, dict) or data.get("format") != FORMAT or not isinstance(data.get("designs"), list):
         raise ModelError(f'{path}: expected a file made by `design` (format "{FORMAT}")')
-    found: list[DesignFile] = []
-    for position, one in enumerate(data["designs"]):
-        try:
-            found.append(from_document(one))
-        except (ModelError, ValueError) as fault:
-            raise ModelError(f"{path}: designs[{position}]: {fault}") from None
-    if not found:
-        raise ModelError(f"{path}: the file holds no design")
-    return tuple(found)
+    return data
 
 
 def pick(designs: Sequence[DesignFile], name: str | None, *, file: Path) -> DesignFile:

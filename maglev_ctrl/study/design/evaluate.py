@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy.linalg import solve_continuous_lyapunov
 
 from maglev_ctrl.analysis.hamiltonian import balanced_realisation, largest_gain, response
+from maglev_ctrl.analysis.loops import balanced
+from maglev_ctrl.analysis.margins import Margins, loop_margins
 from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only, read_only_any
 from maglev_ctrl.errors import MaglevError
 from maglev_ctrl.proofs.claims import GainClaim
 from maglev_ctrl.study.design.corners import Corner, systems_at
-from maglev_ctrl.study.design.records import CornerPoles, GainCurve, SampledLaw
+from maglev_ctrl.study.design.records import CornerPoles, GainCurve, Level, SampledLaw
 from maglev_ctrl.study.situation import OptionModel
 from maglev_ctrl.synthesis.design import Design
-from maglev_ctrl.synthesis.discretise import discretisation_loss, discretise
+from maglev_ctrl.synthesis.discretise import discretisation_loss, discretise, return_ratio
 from maglev_ctrl.synthesis.result import Synthesis
 from maglev_ctrl.systems import close_loop
 from maglev_ctrl.systems.plant import closed_channel
@@ -58,6 +61,33 @@ def gain_curve(synthesis: Synthesis) -> GainCurve | None:
     )
 
 
+def disturbance_levels(
+    synthesis: Synthesis, allowed: Mapping[str, float], units: Mapping[str, str]
+) -> tuple[Level, ...]:
+    """Root mean squares of the performance under unit white noise on every disturbance, the worst over the plants.
+
+    From the covariance of the closed loop; rows that white noise reaches without a lag have none and are left out.
+
+    Parameters
+    ----------
+    allowed : acceptable value of every performance output, which the plants scale by
+    units : SI units of outputs and commands, by name
+    """
+    found: dict[str, Level] = {}
+    for i, plant in enumerate(synthesis.plants):
+        law = synthesis.controllers[i if len(synthesis.controllers) > 1 else 0]
+        A, B, C, D = closed_channel(plant, law)
+        A, B, C = balanced_realisation(A, B, C)
+        variance = np.diag(C @ solve_continuous_lyapunov(A, -B @ B.T) @ C.T)
+        for name, value, through in zip(plant.performance, variance, D, strict=True):
+            if np.any(through) or not value >= 0.0:
+                continue
+            level = float(np.sqrt(value)) * allowed[name]
+            if name not in found or level > found[name].root_mean_square:
+                found[name] = Level(name, units.get(name, ""), level, allowed[name], plant.name)
+    return tuple(found.values())
+
+
 def sampled_law(synthesis: Synthesis, period: float) -> SampledLaw:
     """The law as a computer runs it every `period` seconds, and the loss of the first one on its plant.
 
@@ -65,13 +95,18 @@ def sampled_law(synthesis: Synthesis, period: float) -> SampledLaw:
     """
     plant, laws = synthesis.plants[0], synthesis.controllers
     if plant.dt is not None:
-        return SampledLaw(plant.dt, laws, None, "the law was designed for samples: nothing is lost by taking them")
+        told = "the law was designed for samples; there is no continuous law to compare it with"
+        try:
+            margins: Margins | None = loop_margins(balanced(return_ratio(plant, laws[0])))
+        except (MaglevError, ValueError, np.linalg.LinAlgError) as fault:
+            margins, told = None, f"{told}; margins of the sampled loop: {fault}"
+        return SampledLaw(plant.dt, laws, None, margins, told)
     made = tuple(discretise(controller, period) for controller in laws)
     try:
         loss = discretisation_loss(plant, laws[0], period)
     except (MaglevError, ValueError, np.linalg.LinAlgError) as fault:
-        return SampledLaw(period, made, None, f"{fault}")
-    return SampledLaw(period, made, loss, "")
+        return SampledLaw(period, made, None, None, f"{fault}")
+    return SampledLaw(period, made, loss, None, "")
 
 
 def poles(A: FloatArray) -> ComplexArray:

@@ -27,7 +27,7 @@ from maglev_ctrl.scenario.control_schema import (
     SkyHook,
 )
 from maglev_ctrl.scenario.hooks import hooked_dampers
-from maglev_ctrl.study.design.corners import Corner, corners_of, systems_at
+from maglev_ctrl.study.design.corners import Corner, corner_words, corners_of, systems_at
 from maglev_ctrl.study.situation import OptionModel, Situation
 from maglev_ctrl.synthesis.channels import generalised_plant, require_reachable
 from maglev_ctrl.synthesis.damping.hooked import design_hooked
@@ -166,7 +166,8 @@ def make_law(scenario: Scenario, option: OptionRecord, model: OptionModel) -> Ma
                 system, task.outputs, task.inputs,
                 sensors=task.sensors, disturbance=record.disturbance, name=task.name,
             )  # fmt: skip
-            return _plain(task, system, made)
+            plant = task.plants(task.corners(None), disturbance=record.disturbance, sensors=True)[0]
+            return _plain(task, system, made, plant=plant)
         case SkyHook():
             system = task.system()
             dampers = tuple(
@@ -213,9 +214,9 @@ def judged_plant(system: SecondOrderSystem, controller: Controller, task: Task) 
     )  # fmt: skip
 
 
-def _plain(task: Task, system: SecondOrderSystem, design: Design) -> MadeLaw:
+def _plain(task: Task, system: SecondOrderSystem, design: Design, *, plant: Plant | None = None) -> MadeLaw:
     """A law of the vehicle's own design functions, given the claims the others have."""
-    plant = judged_plant(system, design.controller, task)
+    plant = judged_plant(system, design.controller, task) if plant is None else plant
     synthesis = proven(
         design.law, [plant], [design.controller],
         claims=[decay_claim([plant], [design.controller])], notes=design.notes, status=_claimed(design.status),
@@ -344,7 +345,7 @@ def _scheduled(task: Task, record: Scheduled) -> MadeLaw:
     point = Situation.of_design(task.model.scenario)
 
     def corner(value: float) -> Corner:
-        return Corner(replace(point, **{record.over: value}), 1.0, f"{record.over} {value:.6g} {_UNITS[record.over]}")
+        return Corner(replace(point, **{record.over: value}), 1.0, corner_words(record.over, value))
 
     def plant_at(value: float) -> Plant:
         return task.plants([corner(value)], disturbance=UNIT_DISTURBANCE)[0]

@@ -8,16 +8,18 @@ from dataclasses import replace
 import numpy as np
 
 from maglev_ctrl.errors import MaglevError, ModelError, Status
-from maglev_ctrl.scenario import OptionRecord, Scenario, describe_option
-from maglev_ctrl.scenario.control_schema import Predictive, Scheduled
+from maglev_ctrl.scenario import OptionRecord, Scenario, control_law, describe_option
+from maglev_ctrl.scenario.control_schema import DISTURBED, Predictive, Scheduled
 from maglev_ctrl.study.design.budgeted import Step, budgeted, design_margins
 from maglev_ctrl.study.design.document import design_document
-from maglev_ctrl.study.design.evaluate import corner_poles, gain_curve, sampled_law
+from maglev_ctrl.study.design.evaluate import corner_poles, disturbance_levels, gain_curve, sampled_law
 from maglev_ctrl.study.design.make import MadeLaw, make_law
 from maglev_ctrl.study.design.predictive import predictive_study
-from maglev_ctrl.study.design.records import LawStudy, PredictiveStudy
+from maglev_ctrl.study.design.records import LawStudy, Level, PredictiveStudy
+from maglev_ctrl.study.design.signals import signal_units
 from maglev_ctrl.study.law import delayed_certificate
 from maglev_ctrl.study.situation import OptionModel
+from maglev_ctrl.synthesis.result import Synthesis
 
 
 def study_law(scenario: Scenario, option: OptionRecord, *, step: Step | None = None) -> LawStudy:
@@ -47,8 +49,8 @@ def lost_law(scenario: Scenario, option: OptionRecord, reason: str) -> LawStudy:
     return LawStudy(
         name=option.name, label=option.label or option.name, kind=option.kind, summary=summary,
         law=summary[-1] if option.control is not None else "passive dampers of least cost", failure=reason,
-        status=Status.NUMERICAL_ERROR, design=None, synthesis=None, corners=(), region=None, gain=None, margins=None,
-        margins_reason="", delays="", sampled=None, schedule=None, asked="",
+        status=Status.NUMERICAL_ERROR, design=None, synthesis=None, corners=(), region=None, gain=None, levels=(),
+        margins=None, margins_reason="", delays="", sampled=None, schedule=None, asked="",
         budget=None, chosen=float("nan"), predictive=None, document=None,
         notes=(), seconds=0.0,
     )  # fmt: skip
@@ -75,7 +77,8 @@ def _controlled(scenario: Scenario, option: OptionRecord, blank: LawStudy, tell:
         synthesis=synthesis,
         corners=corner_poles(model, made.corners, design),
         region=made.region,
-        gain=None if synthesis is None else gain_curve(synthesis),
+        gain=gain_curve(synthesis) if synthesis is not None and isinstance(option.control, DISTURBED) else None,
+        levels=_levels(scenario, option, synthesis),
         margins=margins,
         margins_reason=reason,
         delays=delayed_certificate(model, design),
@@ -85,6 +88,16 @@ def _controlled(scenario: Scenario, option: OptionRecord, blank: LawStudy, tell:
         predictive=_predicted(scenario, option, made),
         notes=design.notes,
     )  # fmt: skip
+
+
+def _levels(scenario: Scenario, option: OptionRecord, synthesis: Synthesis | None) -> tuple[Level, ...]:
+    """What the law's own disturbance leaves of every weighted output and command."""
+    law = control_law(scenario, option)
+    if law is None or synthesis is None or not synthesis.controllers or not isinstance(option.control, DISTURBED):
+        return ()
+    allowed = dict((*law.output_weights, *law.input_weights))
+    units = signal_units(scenario, option, tuple(name for name, _ in law.output_weights), law.actuators)
+    return disturbance_levels(synthesis, allowed, units)
 
 
 def _predicted(scenario: Scenario, option: OptionRecord, made: MadeLaw) -> PredictiveStudy | None:

@@ -42,12 +42,27 @@ class GainCurve:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
+class Level:
+    """Root mean square of a weighted output or command under the law's own disturbance, beside its acceptable value.
+
+    SI; the worst of the law's operating points, at `where`.
+    """
+
+    name: str
+    unit: str
+    root_mean_square: float
+    allowed: float
+    where: str
+
+
+@dataclass(frozen=True, eq=False, slots=True)
 class SampledLaw:
     """The law as a computer runs it: sampled every `period` s, and what that costs."""
 
     period: float
     controllers: tuple[Controller, ...]  # one, or one per node of a schedule
     loss: DiscretisationLoss | None
+    margins: Margins | None  # of the sampled loop, where the law was designed for samples
     reason: str  # why there is no loss to tell
 
 
@@ -89,7 +104,8 @@ class LawStudy:
     synthesis: Synthesis | None
     corners: tuple[CornerPoles, ...]
     region: Region | None
-    gain: GainCurve | None
+    gain: GainCurve | None  # None where the law names no disturbance of its own
+    levels: tuple[Level, ...]  # empty where the law names no disturbance of its own
     margins: Margins | None
     margins_reason: str
     delays: str  # "" where the loop with its actuator delays is stable too, else what is not

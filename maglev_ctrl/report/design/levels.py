@@ -1,0 +1,37 @@
+"""What a law's own disturbance leaves of every weighted output and command, beside what was called acceptable."""
+
+from __future__ import annotations
+
+from maglev_ctrl.report.model import Block, Paragraph, Table, row
+from maglev_ctrl.report.style import number
+from maglev_ctrl.study.design.records import LawStudy
+
+MOST_ROWS = 12
+
+
+def level_blocks(option: LawStudy) -> list[Block]:
+    """Root mean squares under the law's disturbance; nothing where the law names none."""
+    if not option.levels:
+        return []
+    ranked = sorted(option.levels, key=lambda one: -one.root_mean_square / one.allowed)
+    several = len(option.corners) > 1
+    rows = tuple(
+        row(one.name, number(one.root_mean_square, one.unit), number(one.allowed, one.unit),
+            number(100.0 * one.root_mean_square / one.allowed, "%"), *([one.where] if several else []))
+        for one in ranked[:MOST_ROWS]
+    )  # fmt: skip
+    worst = ranked[0]
+    ratio = worst.root_mean_square / worst.allowed
+    words = (
+        f"{worst.name} comes closest to what was called acceptable, with {number(100.0 * ratio, '%')} of it."
+        if ratio <= 1.0
+        else f"{worst.name} exceeds what was called acceptable, {number(ratio)} times: the disturbance is too strong for "
+        "it, or its weight too light beside the others'."
+    )
+    caption = (
+        "Root mean squares while the law's own disturbance and sensor noise act, white and all the time, beside the "
+        "acceptable values the law was weighed with; an acceleration's direct share of the disturbance is left out"
+    )
+    heads = ("Signal", "Root mean square", "Acceptable", "Share", *(["Worst at"] if several else []))
+    widths = (2.2, 1.1, 1.1, 0.8, *([2.4] if several else []))
+    return [Table(caption, heads, rows, widths, (1, 2, 3), True), Paragraph(words)]
