@@ -26,11 +26,11 @@ def between(claim: Claim) -> str:
     --------
     >>> import numpy as np
     >>> between(DecayClaim((0, 1), (0, 0), 0.0, np.ones((1, 1, 1))))
-    'every loop between them, however fast it varies'
+    'every loop between them however fast it varies'
     """
     if isinstance(claim, RegionClaim | EnergyClaim):
         return "every constant loop between them"
-    return "every loop between them, however fast it varies"
+    return "every loop between them however fast it varies"
 
 
 def statement(claim: Claim, plants: Sequence[Plant], covered: str) -> str:
@@ -42,14 +42,19 @@ def statement(claim: Claim, plants: Sequence[Plant], covered: str) -> str:
     >>> plant = Plant.from_matrices([[1.0]], [[1.0]], [[1.0]], [[1.0]])
     >>> statement(DecayClaim((0, 0), (0, 1), 0.5, np.ones((1, 1, 1))), [plant, plant], "")
     'every pole of each of the 2 closed loops decays at 0.5 1/s or faster'
+
+    A loop that varies has no poles to speak of; what decays, or is stable, is the loop itself.
+
+    >>> claim = DecayClaim((0, 0), (0, 1), 0.5, np.ones((1, 1, 1)))
+    >>> statement(claim, [plant, plant], between(claim)).partition(", and ")[2]
+    'every loop between them however fast it varies, decays at 0.5 1/s or faster'
     """
     count = len(claim.plants)
     loops = "the closed loop" if count == 1 else f"each of the {count} closed loops"
     subject = f"{loops}, and of {covered}," if covered else loops
     match claim:
         case DecayClaim(rate=rate):
-            told = "is stable" if rate == 0.0 else f"decays at {_at_most(rate)} 1/s or faster"
-            return f"every pole of {subject} {told}"
+            return f"{loops}, and {covered}, {_decay(rate)}" if covered else _poles(loops, rate)
         case RegionClaim(region=region, L=L, M=matrix):
             s = "s" if plants[0].dt is None else "z"
             where = f"L + {s} M + conj({s}) M' < 0, L = {L.tolist()}, M = {matrix.tolist()}"
@@ -64,13 +69,20 @@ def statement(claim: Claim, plants: Sequence[Plant], covered: str) -> str:
             )
             return f"the ellipsoid x'P x <= 1 of {subject} is never left without disturbance, and in it {named}"
         case ParameterClaim(rate=rate):
-            told = "is stable" if rate == 0.0 else f"decays at {_at_most(rate)} 1/s or faster"
-            return f"every pole of {loops}, and of every constant loop between them, {told}"
+            return f"{loops}, and every constant loop between them, {_decay(rate)}"
         case SegmentClaim(width=width, speed_limit=speed):
             return (
                 "the loop is stable everywhere between the 2 closed loops while the parameter, "
                 f"{_at_least(width)} wide, moves at {_at_most(speed)} per second or slower"
             )
+
+
+def _poles(loops: str, rate: float) -> str:
+    return f"{loops} is stable" if rate == 0.0 else f"every pole of {loops} {_decay(rate)}"
+
+
+def _decay(rate: float) -> str:
+    return "is stable" if rate == 0.0 else f"decays at {_at_most(rate)} 1/s or faster"
 
 
 def _at_least(value: float) -> str:

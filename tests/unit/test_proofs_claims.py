@@ -130,7 +130,7 @@ class TestSeveralLoops:
         proof = proof_of(claim, *plants)
         assert proof.holds
         assert proof.statement == (
-            "every pole of each of the 3 closed loops, and of every loop between them, however fast it varies, "
+            "each of the 3 closed loops, and every loop between them however fast it varies, "
             "decays at 0.5 1/s or faster"
         )
         assert not proof_of(replace(claim, rate=1.1), *plants).holds

@@ -7,8 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from maglev_ctrl.proofs.claims import DecayClaim, EllipsoidClaim, GainClaim, RegionClaim, SegmentClaim
+from maglev_ctrl.proofs.claims import (
+    DecayClaim,
+    EllipsoidClaim,
+    EnergyClaim,
+    GainClaim,
+    ParameterClaim,
+    RegionClaim,
+    SegmentClaim,
+)
 from maglev_ctrl.proofs.prove import prove
+from maglev_ctrl.proofs.statements import between, statement
 from maglev_ctrl.systems import Controller
 from maglev_ctrl.systems.plant import Plant
 
@@ -68,3 +77,25 @@ def test_a_region_without_rows_is_none() -> None:
     proof = prove(RegionClaim((0,), (0,), "none", np.zeros((0, 0)), np.zeros((0, 0)), ONE), *loop(-1.0))
     assert not proof.holds
     assert "region" in proof.reason
+
+
+def test_a_loop_that_varies_has_no_poles() -> None:
+    plants, _ = loop(-1.0)
+    several, two = plants * 2, ((0, 1), (0, 0))
+    moving, constant = "every loop between them however fast it varies", "every constant loop between them"
+    decay, still = DecayClaim(*two, 0.2, ONE), DecayClaim(*two, 0.0, ONE)
+    assert statement(decay, several, between(decay)) == (
+        f"each of the 2 closed loops, and {moving}, decays at 0.2 1/s or faster"
+    )
+    assert statement(still, several, between(still)) == f"each of the 2 closed loops, and {moving}, is stable"
+    assert statement(still, several, "") == "each of the 2 closed loops is stable"
+    assert statement(DecayClaim((0,), (0,), 0.0, ONE), plants, "") == "the closed loop is stable"
+    assert statement(DecayClaim((0,), (0,), 0.2, ONE), plants, "").startswith("every pole of the closed loop decays at")
+    blend = ParameterClaim(*two, 0.2, np.ones((2, 1, 1)), np.ones((1, 1)))
+    assert statement(blend, several, "") == (f"each of the 2 closed loops, and {constant}, decays at 0.2 1/s or faster")
+    region = RegionClaim(*two, "left", np.zeros((1, 1)), np.ones((1, 1)), ONE)
+    assert statement(region, several, between(region)).startswith(
+        f"every pole of each of the 2 closed loops, and of {constant}, lies in the region called left"
+    )
+    energy = EnergyClaim(*two, 0.5, ONE)
+    assert f"of each of the 2 closed loops, and of {constant}, from" in statement(energy, several, between(energy))
