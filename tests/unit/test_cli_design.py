@@ -218,3 +218,15 @@ def test_help_tells_the_verbs_and_loads_nothing_heavy() -> None:
         )
         assert done.returncode == 0, done.stderr
         assert all(word in done.stdout for word in said)
+
+
+def test_a_changed_text_is_told_and_not_exported(here: Path, capsys: Capture, tmp_path: Path) -> None:
+    document = json.loads((here / "out/small/design.json").read_text(encoding="utf-8"))
+    document["designs"][0]["scenario"]["text"] += "\n# another vehicle"
+    (tmp_path / "changed.json").write_text(json.dumps(document), encoding="utf-8")
+    assert main(["verify", str(tmp_path / "changed.json")]) == 1
+    told = capsys.readouterr().out
+    assert "not as it was written" in told and told.endswith("NOT PROVED\n")
+    name = document["designs"][0]["name"]
+    assert main(["export", str(tmp_path / "changed.json"), "--to", "json", "--option", name]) == 2
+    assert "nothing is exported: the file is not as it was written" in capsys.readouterr().err

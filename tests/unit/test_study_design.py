@@ -19,6 +19,7 @@ from maglev_ctrl.study.design.budgeted import budgeted, in_kilonewtons, shown_da
 from maglev_ctrl.study.design.document import (
     DAMPERS,
     PREDICTIVE,
+    changed_since,
     designs_text,
     kind_of,
     load_designs,
@@ -30,6 +31,7 @@ from maglev_ctrl.study.design.option import lost_law, study_law
 from maglev_ctrl.study.design.records import DesignStudy
 from maglev_ctrl.study.design.run import chosen_options, survey_design
 from maglev_ctrl.study.law import designed_option
+from maglev_ctrl.study.loops import own_connections
 from maglev_ctrl.study.option import study_option
 from maglev_ctrl.study.situation import OptionModel, Situation
 from maglev_ctrl.systems import close_loop
@@ -171,7 +173,7 @@ def test_a_scheduled_law_follows_its_parameter(study: DesignStudy, scenario: Sce
     fixed = OptionModel(scenario, option).law_at(replace(point, speed=80.0), design.controller)
     assert fixed is design.controller  # without a schedule the law stays what it was
     assert [corner.name for corner in law(study, "scheduled").corners][1:] == [
-        "speed 60 m/s", "speed 100 m/s", "speed 140 m/s"
+        "speed 216 km/h", "speed 360 km/h", "speed 504 km/h"
     ]  # fmt: skip
     assert "the proof allows it" in law(study, "scheduled").asked
 
@@ -251,3 +253,44 @@ def test_names_of_options(scenario: Scenario) -> None:
         chosen_options(scenario.model_copy(update={"options": scenario.options[:1]}), ())
     with pytest.raises(ValueError, match="jobs: expected one or more"):
         survey_design(scenario, (), jobs=0)
+
+
+def test_levels_are_the_variance_of_the_closed_loop(study: DesignStudy) -> None:
+    one = law(study, "worst")
+    assert one.synthesis is not None and one.levels
+    plant, controller = one.synthesis.plants[0], one.synthesis.controllers[0]
+    A, B, C, _ = closed_channel(plant, controller)
+    # By quadrature over frequency: the other method.
+    omega = np.concatenate([np.linspace(0.0, 60.0, 60_001), np.geomspace(60.0, 1e5, 20_001)[1:]])
+    gains = np.empty((len(omega), len(plant.performance)))
+    for part in np.array_split(np.arange(len(omega)), 200):
+        reply = C @ np.linalg.solve(1j * omega[part, None, None] * np.eye(len(A)) - A, B + 0j)
+        gains[part] = np.sum(np.abs(reply) ** 2, axis=-1)
+    variance = np.trapezoid(gains, omega, axis=0) / np.pi
+    for level in one.levels:
+        share = level.root_mean_square / level.allowed
+        assert share == pytest.approx(np.sqrt(variance[plant.performance.index(level.name)]), rel=2e-3), level.name
+    assert not law(study, "lqr").levels  # it names no disturbance
+
+
+def test_a_file_that_was_changed_is_told(study: DesignStudy, tmp_path: Path) -> None:
+    documents = [one.document for one in study.options if one.document is not None]
+    file = tmp_path / "design.json"
+    file.write_text(designs_text(documents, created="now", versions=study.versions), encoding="utf-8")
+    assert changed_since(file) == ""
+    data = json.loads(file.read_text(encoding="utf-8"))
+    data["designs"][0]["scenario"]["text"] += "#"
+    file.write_text(json.dumps(data), encoding="utf-8")
+    assert "not as it was written" in changed_since(file)
+    del data["digest"]
+    file.write_text(json.dumps(data), encoding="utf-8")
+    assert changed_since(file) == "the file has no digest"
+
+
+def test_a_damper_of_nothing_is_no_channel(scenario: Scenario) -> None:
+    option = next(o for o in scenario.options if o.damping_budget is not None)
+    model = OptionModel(scenario, option)
+    names = own_connections(model, model.vehicle())
+    assert len(names) > 1
+    some = replace(model, dampings=((names[0], 0.0),))
+    assert own_connections(some, some.vehicle()) == names[1:]

@@ -25,8 +25,8 @@ def level_blocks(option: LawStudy) -> list[Block]:
     words = (
         f"{worst.name} comes closest to what was called acceptable, with {number(100.0 * ratio, '%')} of it."
         if ratio <= 1.0
-        else f"{worst.name} exceeds what was called acceptable, {number(ratio)} times: the disturbance is too strong for "
-        "it, or its weight too light beside the others'."
+        else f"{worst.name} exceeds what was called acceptable, {number(ratio)} times: the disturbance is too strong "
+        "for it, or its weight too light beside the others'."
     )
     caption = (
         "Root mean squares while the law's own disturbance and sensor noise act, white and all the time, beside the "
