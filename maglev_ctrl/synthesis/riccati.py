@@ -21,10 +21,11 @@ from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only, read_only_an
 from maglev_ctrl.errors import Agreement, ModelError, Status
 from maglev_ctrl.synthesis.doubling import hamiltonian
 from maglev_ctrl.synthesis.extended import Extended, extended_solve
-from maglev_ctrl.synthesis.riccati_newton import EPS, Refined, agreement, best_refined, better
+from maglev_ctrl.synthesis.riccati_newton import EPS, Refined, agreement, best_refined, better, exists
 from maglev_ctrl.synthesis.riccati_seeds import FALLBACK, PRIMARY, Seed
 
-ON_AXIS = "the Hamiltonian has eigenvalues on the imaginary axis: no stabilising solution"
+NEAR = 1e-3
+"""How far rounding may throw a fourfold eigenvalue off the axis, relative to the norm of the Hamiltonian."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -115,10 +116,10 @@ def riccati_continuous(
             refined, seeds = better(refined, best_refined(more, newton, size)), seeds | more
         if refined is None:
             return unsolved(a, b, *_diagnosis(equation))
-        status, message = _unsolvable(equation, refined)
-        if status is Status.INFEASIBLE:
-            return unsolved(a, b, status, message)
-        condition = _condition(equation, refined.P.high)
+        decay = _decay(equation, refined.P.high)
+        if not exists(_departure(equation, refined, decay)):
+            return unsolved(a, b, *_reason(equation, refined))
+        condition = _condition(equation, refined.P.high, decay)
         return _finished(equation, refined, condition, agreement(seeds, refined.P.high, condition, newton))
 
 
@@ -187,16 +188,38 @@ def _seeds(equation: _Equation, methods: dict[str, Seed]) -> dict[str, FloatArra
     return found
 
 
-def _unsolvable(equation: _Equation, refined: Refined) -> tuple[Status, str]:
-    """A closed loop that is all but neutral may be rounding's answer to a problem without one."""
-    size = float(np.linalg.norm(equation.A_bare, 2))
-    converged = refined.step <= 1e-14
-    if refined.edge < -1e-6 * size or (converged and refined.edge < -1e-12 * size):
-        return Status.SOLVED, ""
+def _decay(equation: _Equation, P: FloatArray) -> FloatArray:
+    """Y of closed'Y + Y closed + I = 0: its 2-norm is that of the inverse Lyapunov operator of the closed loop."""
+    closed = equation.A_bare - equation.G @ P
+    return np.asarray(solve_continuous_lyapunov(closed.T, -np.eye(len(P))), dtype=float)
+
+
+def _departure(equation: _Equation, refined: Refined, decay: FloatArray) -> float:
+    """How much of the closed loop's decay the steps left and rounding may use up; below one a solution exists.
+
+    With b = |Y|, the step s and F'' = 2 G, Kantorovich's theorem has a solution within 2 s where 2 b |G| s <= 1/2, and
+    |Y D + D'Y| < 1 keeps the loop stable under its change D, |D| <= 2 |G| s. At a double root, where the steps only
+    halve, 4 b |G| s is one however small the step is: a neutral loop cannot pass for a stable one.
+    """
+    if not np.all(np.isfinite(decay)):
+        return np.inf
+    P = refined.P.high
+    scale = float(np.linalg.norm(P))
+    moved = 2.0 * float(np.linalg.norm(equation.G, 2)) * refined.step * (scale if scale > 0.0 else 1.0)
+    terms = np.abs(equation.A) + np.abs(equation.B) @ np.abs(refined.gain.high)
+    noise = float(np.linalg.norm(np.abs(decay) @ terms, 2)) * len(P) * EPS
+    return 2.0 * (float(np.linalg.norm(decay, 2)) * moved + noise)
+
+
+def _reason(equation: _Equation, refined: Refined) -> tuple[Status, str]:
+    """Why the iterates led to no solution."""
     status, message = _diagnosis(equation)
-    if converged and message == ON_AXIS:
-        return Status.SOLVED, ""  # a mere look at the Hamiltonian cannot tell "near the axis" from "on it"
-    return status, message
+    if status is Status.INFEASIBLE:
+        return status, message
+    if refined.step > 1e-3:
+        return Status.NUMERICAL_ERROR, f"Newton's method stalled at relative step {refined.step:.1e}"
+    where = f"the closed loop's pole at {refined.edge:.1e} rad/s cannot be told from the imaginary axis"
+    return Status.INFEASIBLE, f"{where}: no stabilising solution"
 
 
 def _residual(equation: _Equation, P: Extended) -> tuple[Extended, Extended]:
@@ -286,20 +309,51 @@ def _diagnosis(equation: _Equation) -> tuple[Status, str]:
             seen = np.linalg.svd(np.vstack([shifted, equation.Q_bare]), compute_uv=False)[-1]
             if seen <= 1e-9 * size:
                 return Status.INFEASIBLE, f"the weights do not see the neutral mode at {value:.4g} rad/s"
-    poles = np.linalg.eigvals(hamiltonian(equation.A_bare, equation.G, equation.Q_bare))
-    nearest = float(np.min(np.abs(poles.real)))
-    if nearest <= 1e-7 * float(np.max(np.abs(poles))):
-        return Status.INFEASIBLE, ON_AXIS
+    frequency = axis_frequency(equation.A_bare, equation.G, equation.Q_bare)
+    if frequency is not None:
+        where = f"the Hamiltonian has an eigenvalue on the imaginary axis to rounding, at {frequency:.4g} rad/s"
+        return Status.INFEASIBLE, f"{where}: no stabilising solution"
     return Status.NUMERICAL_ERROR, "no method gave a stabilising solution"
 
 
-def _condition(equation: _Equation, P: FloatArray) -> float:
-    """Kenney-Hewer upper bound in the scaled coordinates, two Lyapunov equations."""
+def axis_frequency(A: FloatArray, G: FloatArray, Q: FloatArray) -> float | None:
+    """Frequency w at which the Hamiltonian H = [A, -G; -Q, -A'] has an eigenvalue jw, to rounding; None without one.
+
+    J (H - jw I) is Hermitian: it is singular at an eigenvalue jw and nowhere else, and its inertia, (n, n) for large w,
+    changes only there. An inertia is certain where an eigenvalue computed to be near the axis is not.
+
+    Examples
+    --------
+    >>> round(axis_frequency(np.array([[0.0]]), np.array([[1.0]]), np.array([[-4.0]])), 12)
+    2.0
+    """
+    n = A.shape[0]
+    whole = hamiltonian(A, G, Q)
+    poles, reach = np.linalg.eigvals(whole), NEAR * float(np.linalg.norm(whole, 2))
+
+    def hermitian(w: float) -> ComplexArray:
+        turned = -A.T - 1j * w * np.eye(n)
+        return np.block([[-Q.astype(complex), turned], [turned.conj().T, G.astype(complex)]])
+
+    near = np.unique(np.abs(poles.imag[np.abs(poles.real) <= reach]))[::-1]
+    for index, w in enumerate(near):
+        values = np.linalg.eigvalsh(hermitian(float(w)))
+        if np.min(np.abs(values)) <= 1e2 * EPS * np.max(np.abs(values)):
+            return float(w)
+        below = np.linalg.eigvalsh(hermitian(0.5 * float(w + near[index + 1]) if index + 1 < len(near) else 0.0))
+        certain = np.min(np.abs(below)) > 1e2 * EPS * np.max(np.abs(below))
+        if certain and np.count_nonzero(below > 0.0) != n:
+            return float(w)
+    return None
+
+
+def _condition(equation: _Equation, P: FloatArray, decay: FloatArray) -> float:
+    """Kenney-Hewer upper bound in the scaled coordinates, `decay` for the identity and one more Lyapunov equation."""
     closed = equation.A_bare - equation.G @ P
     size = float(np.linalg.norm(P, 2))
     if size == 0.0:
         return 1.0
-    inner = float(np.linalg.norm(solve_continuous_lyapunov(closed.T, -np.eye(P.shape[0])), 2))
+    inner = float(np.linalg.norm(decay, 2))
     outer = float(np.linalg.norm(solve_continuous_lyapunov(closed.T, -P @ P), 2))
     A, G, Q = (float(np.linalg.norm(x, 2)) for x in (equation.A_bare, equation.G, equation.Q_bare))
     return float(inner * Q + 2.0 * np.sqrt(inner * outer) * A + outer * G) / size

@@ -18,14 +18,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import LinAlgError, eigvals, matrix_balance, solve_discrete_lyapunov
 
-from maglev_ctrl.arrays import FloatArray, read_only, read_only_any
+from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only, read_only_any
 from maglev_ctrl.errors import Agreement, Status
 from maglev_ctrl.synthesis.extended import Extended, extended_solve
-from maglev_ctrl.synthesis.riccati import RiccatiSolution, checked, unsolved, verdict
+from maglev_ctrl.synthesis.riccati import NEAR, RiccatiSolution, checked, unsolved, verdict
 from maglev_ctrl.synthesis.riccati_discrete_seeds import FALLBACK, PRIMARY, DiscreteSeed, extended_pencil
-from maglev_ctrl.synthesis.riccati_newton import EPS, Refined, agreement, best_refined, better
+from maglev_ctrl.synthesis.riccati_newton import EPS, Refined, agreement, best_refined, better, exists
 
-ON_CIRCLE = "the extended pencil has eigenvalues on the unit circle: no stabilising solution"
 SINGULAR = "an input neither costs nor moves anything: R + B'XB is singular whatever X is"
 SADDLE = "R + B'XB is not positive definite: a saddle point, the cost has no least value"
 
@@ -85,10 +84,10 @@ def riccati_discrete(
             refined, seeds = better(refined, best_refined(more, newton, size)), seeds | more
         if refined is None:
             return unsolved(a, b, *_diagnosis(equation))
-        status, message = _unsolvable(equation, refined)
-        if status is not Status.SOLVED:
-            return unsolved(a, b, status, message)
-        condition = _condition(equation, refined.P.high)
+        decay = _gramian(equation.A - equation.B @ refined.gain.high, np.eye(len(a)))
+        if not exists(_departure(equation, refined, decay)):
+            return unsolved(a, b, *_reason(equation, refined))
+        condition = _condition(equation, refined.P.high, decay)
         return _finished(equation, refined, condition, agreement(seeds, refined.P.high, condition, newton))
 
 
@@ -135,17 +134,50 @@ def _plain_gain(equation: _Equation, X: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.solve(R + B.T @ X @ B, B.T @ X @ A + N.T), dtype=float)
 
 
-def _unsolvable(equation: _Equation, refined: Refined) -> tuple[Status, str]:
-    """A closed loop that is all but neutral may be rounding's answer to a problem without a solution."""
-    converged = refined.step <= 1e-14
-    if refined.step > 1e-3:
-        return _diagnosis(equation)
-    if refined.edge < 1.0 - 1e-6 or (converged and refined.edge < 1.0 - 1e-12):
-        return Status.SOLVED, ""
+def _gramian(closed: FloatArray, weight: FloatArray) -> FloatArray:
+    """Y of closed'Y closed - Y + weight = 0; NaN where the loop is neutral to rounding."""
+    try:
+        return np.asarray(solve_discrete_lyapunov(closed.T, weight), dtype=float)
+    except (LinAlgError, ValueError):
+        return np.full_like(closed, np.nan)
+
+
+def _departure(equation: _Equation, refined: Refined, decay: FloatArray) -> float:
+    """How much of the closed loop's decay the steps left and rounding may use up; below one a solution exists.
+
+    With Y = `decay`, the gramian of the identity, b = |Y|, F the closed loop, W = B (R + B'XB)^-1 B' and the step s,
+    F'' is 2 F'EWEF to first order and the loop moves by D, |D| <= 2 s |W| |F|; it stays stable where
+    |F'YD + D'YF + D'YD| < 1. At a double root, where the steps only halve, 4 b |F|^2 |W| s is one however small s is.
+    """
+    A, B, _, R, _ = equation.data
+    X, gain = refined.P.high, refined.gain.high
+    scale = float(np.linalg.norm(X))
+    step = refined.step * (scale if scale > 0.0 else 1.0)
+    price = R + B.T @ X @ B
+    loop = float(np.linalg.norm(A - B @ gain, 2))
+    try:
+        weight = float(np.linalg.norm(B @ np.linalg.solve(price, B.T), 2))
+    except LinAlgError:
+        return np.inf
+    # The inverse of R + B'XB is to stay what it is while X moves.
+    if not (np.all(np.isfinite(decay)) and 4.0 * weight * step <= 1.0):
+        return np.inf
+    moved = 2.0 * weight * loop * step
+    terms = np.abs(A) + np.abs(B) @ np.abs(gain)
+    noise = float(np.linalg.norm(np.abs((A - B @ gain).T @ decay) @ terms, 2)) * len(X) * EPS
+    size = float(np.linalg.norm(decay, 2))
+    return 2.0 * (size * loop * moved + noise) + size * moved**2
+
+
+def _reason(equation: _Equation, refined: Refined) -> tuple[Status, str]:
+    """Why the iterates led to no solution."""
     status, message = _diagnosis(equation)
-    if converged and message == ON_CIRCLE:
-        return Status.SOLVED, ""  # a mere look at the pencil cannot tell "near the circle" from "on it"
-    return status, message
+    if status is Status.INFEASIBLE:
+        return status, message
+    if refined.step > 1e-3:
+        return Status.NUMERICAL_ERROR, f"Newton's method stalled at relative step {refined.step:.1e}"
+    where = f"the closed loop's pole {1.0 - refined.edge:.1e} inside the unit circle cannot be told from one on it"
+    return Status.INFEASIBLE, f"{where}: no stabilising solution"
 
 
 def _residual(equation: _Equation, X: Extended) -> tuple[Extended, Extended]:
@@ -220,12 +252,48 @@ def _diagnosis(equation: _Equation) -> tuple[Status, str]:
     alpha, beta = eigvals(*extended_pencil(*equation.data), homogeneous_eigvals=True)
     if np.min(np.hypot(np.abs(alpha), np.abs(beta))) <= 1e-13 * (1.0 + size):
         return Status.INFEASIBLE, "the extended pencil is singular: R + B'XB is singular whatever X is"
-    if np.min(np.abs(np.abs(alpha) - np.abs(beta)) / np.hypot(np.abs(alpha), np.abs(beta))) <= 1e-7:
-        return Status.INFEASIBLE, ON_CIRCLE
+    angle = circle_angle(*equation.data, np.asarray(alpha), np.asarray(beta))
+    if angle is not None:
+        where = f"the extended pencil has an eigenvalue on the unit circle to rounding, at angle {angle:.4g} rad"
+        return Status.INFEASIBLE, f"{where}: no stabilising solution"
     return Status.NUMERICAL_ERROR, "no method gave a stabilising solution"
 
 
-def _condition(equation: _Equation, X: FloatArray) -> float:
+def circle_angle(
+    A: FloatArray, B: FloatArray, Q: FloatArray, R: FloatArray, N: FloatArray, alpha: ComplexArray, beta: ComplexArray
+) -> float | None:
+    """Angle of an eigenvalue z = `alpha` / `beta` of the extended pencil on the unit circle, to rounding, or None.
+
+    [0, A - zI, B; (A - zI)*, Q, N; B', N', R] is Hermitian on the circle and singular there at an eigenvalue only.
+    Where a solution exists its inertia is that of R + B'XB and n of either sign all around: a change excludes one.
+    """
+    n = A.shape[0]
+
+    def eigenvalues(angle: float) -> FloatArray:
+        shifted = A - np.exp(1j * angle) * np.eye(n)
+        rows = [[np.zeros((n, n)), shifted, B], [shifted.conj().T, Q, N], [B.T, N.T, R]]
+        return np.asarray(np.linalg.eigvalsh(np.block(rows)), dtype=float)
+
+    off = np.abs(np.abs(alpha) - np.abs(beta)) / np.hypot(np.abs(alpha), np.abs(beta))
+    angles = np.unique(np.abs(np.angle(alpha * np.conj(beta)))[off <= NEAR])
+    for angle in angles:
+        values = np.abs(eigenvalues(float(angle)))
+        if np.min(values) <= 1e2 * EPS * np.max(values):
+            return float(angle)
+    ends = np.concatenate([[0.0], angles, [np.pi]])
+    last = -1
+    for index, middle in enumerate(0.5 * (ends[:-1] + ends[1:])):
+        values = eigenvalues(float(middle))
+        if np.min(np.abs(values)) <= 1e2 * EPS * np.max(np.abs(values)):
+            continue
+        count = int(np.count_nonzero(values > 0.0))
+        if last >= 0 and count != last:
+            return float(ends[index])
+        last = count
+    return None
+
+
+def _condition(equation: _Equation, X: FloatArray, decay: FloatArray) -> float:
     """First-order bound in the scaled coordinates: 2-norm changes of all five data relative to their norms.
 
     The change of X solves Z = F'ZF + W with F the closed loop, K the gain, W = dQ + K'dR K - dN K - (dN K)' + U + U',
@@ -238,10 +306,8 @@ def _condition(equation: _Equation, X: FloatArray) -> float:
     if size == 0.0:
         return 1.0
     ahead = X @ closed
-    inner, outer, spent = (
-        float(np.linalg.norm(solve_discrete_lyapunov(closed.T, S), 2))
-        for S in (np.eye(len(A)), ahead.T @ ahead, gain.T @ gain)
-    )
+    inner = float(np.linalg.norm(decay, 2))
+    outer, spent = (float(np.linalg.norm(_gramian(closed, S), 2)) for S in (ahead.T @ ahead, gain.T @ gain))
     a, b, q, r, n = (float(np.linalg.norm(matrix, 2)) for matrix in (A, B, Q, R, N))
     total = inner * q + spent * r + 2.0 * np.sqrt(inner * spent) * n
     return float(total + 2.0 * np.sqrt(outer) * (np.sqrt(inner) * a + np.sqrt(spent) * b)) / size

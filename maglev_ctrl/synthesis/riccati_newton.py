@@ -16,6 +16,8 @@ from maglev_ctrl.synthesis.extended import Extended
 
 EPS = float(np.finfo(float).eps)
 NEWTON_STEPS = 40
+SPENT = 0.1
+"""Largest share of the decay of the closed loop that may be in doubt; a double root comes out at one."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -81,6 +83,19 @@ def better(first: Refined | None, second: Refined | None) -> Refined | None:
     if first is None or second is None:
         return first or second
     return first if first.step <= second.step else second
+
+
+def exists(departure: float) -> bool:
+    """Whether a share `departure` of the loop's decay, used up by the steps left and by rounding, leaves a solution.
+
+    Kantorovich's theorem needs less than one.
+
+    Examples
+    --------
+    >>> exists(1e-9), exists(1.0), exists(float("nan"))
+    (True, False, False)
+    """
+    return bool(0.0 <= departure <= SPENT)
 
 
 def agreement(seeds: dict[str, FloatArray], P: FloatArray, condition: float, newton: Step) -> Agreement:

@@ -8,10 +8,12 @@ import pytest
 from random_plants import random_plant
 
 from maglev_ctrl.errors import Agreement, ModelError, Status
+from maglev_ctrl.synthesis import riccati
 from maglev_ctrl.synthesis.doubling import relative_residual
 from maglev_ctrl.synthesis.extended import Extended, extended_solve, two_sum
-from maglev_ctrl.synthesis.riccati import riccati_continuous
+from maglev_ctrl.synthesis.riccati import axis_frequency, riccati_continuous
 from maglev_ctrl.synthesis.riccati_batch import riccati_batch
+from maglev_ctrl.synthesis.riccati_newton import EPS, exists
 from maglev_ctrl.synthesis.riccati_seeds import FALLBACK, PRIMARY
 
 
@@ -220,3 +222,80 @@ def test_an_indefinite_weight_without_a_solution_is_refused_and_nothing_is_raise
     assert solution.status not in (Status.SOLVED, Status.ALMOST_SOLVED)
     with pytest.raises(ModelError, match="Riccati"):
         solution.require()
+
+
+def _on_the_edge(seed: int, *, pole: float):
+    """Data without rounding, from a chosen P, whose closed loop has one pole at `pole` and the others well left."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 5))
+    B, P, closed = (np.round(4.0 * rng.normal(size=shape)) / 4.0 for shape in ((n, 1), (n, n), (n, n)))
+    P, closed = P + P.T, closed - 6.0 * np.eye(n)
+    closed[-1] = 0.0
+    closed[-1, -1] = pole
+    A = closed + B @ (B.T @ P)
+    return A, B, -(A.T @ P + P @ A - P @ B @ B.T @ P), P, closed
+
+
+def test_a_neutral_closed_loop_is_refused_however_small_the_last_step() -> None:
+    # 2 a p - p^2 - a^2 = 0 has the double root p = a: the steps halve, and so does the computed pole
+    for a in (-1.0, -2.0, -3.0, -0.5, -0.1, -10.0):
+        solution = riccati_continuous([[a]], [[1.0]], [[-a * a]], [[1.0]])
+        assert solution.status is Status.INFEASIBLE, a
+        assert "imaginary axis" in solution.message
+    for seed in range(10):
+        A, B, Q, *_ = _on_the_edge(seed, pole=0.0)
+        solution = riccati_continuous(A, B, Q, [[1.0]])
+        assert solution.status is Status.INFEASIBLE, (seed, solution.message)
+
+
+@pytest.mark.parametrize("power", [-3, -20, -30])
+def test_a_loop_that_decays_slowly_is_solved_all_the_same(power) -> None:
+    for seed in range(12):
+        A, B, Q, P, closed = _on_the_edge(seed, pole=-(2.0**power))
+        assert np.max(np.linalg.eigvals(closed).real) < 0.0
+        if np.linalg.svd(np.hstack([A, B]), compute_uv=False)[-1] < 1e-6:
+            continue  # the slow mode itself is all but uncontrollable
+        solution = riccati_continuous(A, B, Q, [[1.0]])
+        assert solution.status is Status.SOLVED, (seed, solution.message)
+        assert np.linalg.norm(solution.P - P) <= 4.0 * EPS * np.linalg.norm(P)
+
+
+def test_without_a_solution_the_frequency_on_the_axis_is_named() -> None:
+    # H of a mass on a spring, Q = -diag(q, 0): s^4 + 2 s^2 + 1 - q has the roots s^2 = -1 +- sqrt(q)
+    solution = riccati_continuous([[0.0, 1.0], [-1.0, 0.0]], [[0.0], [1.0]], np.diag([-0.25, 0.0]), [[1.0]])
+    assert solution.status is Status.INFEASIBLE
+    assert f"{np.sqrt(1.5):.4g} rad/s" in solution.message
+    solution = riccati_continuous([[0.0]], [[1.0]], [[0.0]], [[1.0]])
+    assert solution.status is Status.INFEASIBLE
+    assert "do not see the neutral mode" in solution.message
+
+
+def test_the_hamiltonian_in_long_digits_agrees_on_which_equations_have_a_solution() -> None:
+    rng, count = np.random.default_rng(3), {True: 0, False: 0}
+    for _ in range(24):
+        n, m = (int(x) for x in rng.integers((1, 1), (5, 3)))
+        A, B, Q = rng.normal(size=(n, n)), rng.normal(size=(n, m)), rng.normal(size=(n, n))
+        Q = Q + Q.T
+        with mpmath.workdps(40):
+            a, b, q = (mpmath.matrix(x.tolist()) for x in (A, B, Q))
+            whole, g = mpmath.zeros(2 * n), b * b.T
+            whole[:n, :n], whole[:n, n:], whole[n:, :n], whole[n:, n:] = a, -g, -q, -a.T
+            poles = mpmath.eig(whole, left=False, right=False)
+            neutral = min(abs(mpmath.re(pole)) for pole in poles) < mpmath.mpf(10) ** -25
+        solution = riccati_continuous(A, B, Q, np.eye(m))
+        assert solution.status is (Status.INFEASIBLE if neutral else Status.SOLVED), solution.message
+        if neutral:
+            on_axis = [float(mpmath.im(pole)) for pole in poles if abs(mpmath.re(pole)) < 1e-25]
+            named = float(solution.message.split(" at ")[1].split()[0])
+            assert np.min(np.abs(np.array(on_axis) - named)) <= 1e-3 * abs(named)
+        count[neutral] += 1
+    assert min(count.values()) >= 6
+
+
+def test_the_share_of_decay_in_doubt_tells_a_double_root_from_a_slow_loop(monkeypatch) -> None:
+    assert exists(0.0) and exists(1e-3)
+    assert not exists(1.0) and not exists(np.inf) and not exists(np.nan)
+    monkeypatch.setattr(riccati, "exists", lambda departure: True)  # the mutant: the sign of the computed pole decides
+    assert riccati_continuous([[-1.0]], [[1.0]], [[-1.0]], [[1.0]]).status is not Status.INFEASIBLE
+    assert axis_frequency(np.array([[-1.0]]), np.eye(1), np.array([[-1.0]])) == pytest.approx(0.0, abs=1e-6)
+    assert axis_frequency(np.array([[-1.0]]), np.eye(1), np.array([[-0.99]])) is None

@@ -21,7 +21,7 @@ def _newton_in_long_digits(A, B, Q, R, N, X):
             gain = (r + b.T * x * b) ** -1 * (b.T * x * a + n.T)
             power = a - b * gain
             step = a.T * x * a - x + q - (a.T * x * b + n) * gain
-            for _ in range(40):
+            for _ in range(24):
                 step, power = step + power.T * step * power, power * power
                 if mpmath.mnorm(power, "f") < mpmath.mpf(10) ** -50:
                     break
@@ -173,3 +173,65 @@ def test_wrong_use_is_named(change, words):
     given = {"A": np.diag([1.0, -1.0]), "B": np.ones((2, 1)), "Q": np.eye(2), "R": np.eye(1), "N": None} | change
     with pytest.raises(ValueError, match=words):
         riccati_discrete(**given)
+
+
+def _on_the_edge(seed: int, *, pole: float):
+    """Data of few digits, from a chosen X, whose closed loop has one pole at `pole` and the others well inside."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 4))
+    B, X, gain, closed = (np.round(4.0 * rng.normal(size=shape)) / 4.0 for shape in ((n, 1), (n, n), (1, n), (n, n)))
+    X, closed = X + X.T + 4.0 * np.eye(n), closed / 8.0
+    closed[-1] = 0.0
+    closed[-1, -1] = pole
+    A, R = closed + B @ gain, np.array([[4.0]])
+    price = R + B.T @ X @ B
+    N = (price @ gain - B.T @ X @ A).T
+    Q = X - A.T @ X @ A + gain.T @ price @ gain
+    return (A, B, 0.5 * (Q + Q.T), R, N), X
+
+
+def test_a_neutral_closed_loop_is_refused_and_nothing_is_raised() -> None:
+    # x = x / (4 (1 + x)) - 1 / 4 has the double root x = -1/2, where the closed loop is at z = 1
+    solution = riccati_discrete([[0.5]], [[1.0]], [[-0.25]], [[1.0]])
+    assert solution.status is Status.INFEASIBLE
+    assert "unit circle" in solution.message
+    for seed in range(10):
+        data, _ = _on_the_edge(seed, pole=1.0)
+        solution = riccati_discrete(*data)
+        assert solution.status is Status.INFEASIBLE, (seed, solution.message)
+
+
+@pytest.mark.parametrize("power", [-3, -12, -20])
+def test_a_loop_that_decays_slowly_is_solved_all_the_same(power) -> None:
+    for seed in range(12):
+        data, X = _on_the_edge(seed, pole=1.0 - 2.0**power)
+        if np.linalg.svd(np.hstack([data[0] - np.eye(len(X)), data[1]]), compute_uv=False)[-1] < 1e-4:
+            continue  # the slow mode itself is all but uncontrollable
+        solution = riccati_discrete(*data)
+        assert solution.status is Status.SOLVED, (seed, solution.message)
+        assert np.linalg.norm(solution.P - X) <= 1e2 * EPS * solution.condition * np.linalg.norm(X)
+
+
+def test_without_a_solution_the_angle_on_the_circle_is_named() -> None:
+    # x+ = u, cost -c x^2 + u^2 + 2 n x u: the Popov function 1 - c + 2 n cos(angle) is zero at 60 degrees
+    solution = riccati_discrete([[0.0]], [[1.0]], [[-1.5]], [[1.0]], [[0.5]])
+    assert solution.status is Status.INFEASIBLE
+    assert f"angle {np.pi / 3.0:.4g} rad" in solution.message
+    slightly = riccati_discrete([[0.0]], [[1.0]], [[0.01]], [[1.0]], [[0.5]])  # 1.01 + cos(angle) is never zero
+    assert slightly.status is Status.SOLVED
+
+
+def test_the_popov_function_agrees_on_which_equations_have_a_solution() -> None:
+    rng, count = np.random.default_rng(3), {True: 0, False: 0}
+    around = np.exp(1j * np.linspace(0.0, np.pi, 2001))
+    for _ in range(24):
+        n = int(rng.integers(1, 5))
+        A, B, Q = 0.5 * rng.normal(size=(n, n)), rng.normal(size=(n, 1)), rng.normal(size=(n, n))
+        Q = Q + Q.T
+        states = np.array([np.linalg.solve(z * np.eye(n) - A, B)[:, 0] for z in around])
+        popov = 1.0 + np.einsum("ki,ij,kj->k", states.conj(), Q, states).real
+        changes = bool(np.min(popov) < 0.0 < np.max(popov))
+        solution = riccati_discrete(A, B, Q, [[1.0]])
+        assert solution.status is (Status.INFEASIBLE if changes else Status.SOLVED), solution.message
+        count[changes] += 1
+    assert min(count.values()) >= 6
