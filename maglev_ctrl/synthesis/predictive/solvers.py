@@ -35,6 +35,77 @@ class Candidate:
     iterations: int
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class ScaledProgram:
+    """A program in units that suit the solvers, all powers of two: x = columns * x', y = rows * y' * cost.
+
+    Rows of A have norm one within sqrt(2), unknowns and bounds are of order one, and so are the entries of P and q.
+    """
+
+    P: Any
+    q: FloatArray
+    A: Any
+    bounds: tuple[FloatArray, FloatArray]
+    rows: FloatArray
+    columns: FloatArray
+    cost: float
+
+    def restored(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Point and multipliers in the units of the program that was scaled.
+
+        Parameters
+        ----------
+        x, y : point and multipliers of the scaled program
+        """
+        return self.columns * x, self.rows * y * self.cost
+
+
+def scaled_program(
+    P: Any, q: FloatArray, A: Any, bounds: tuple[FloatArray, FloatArray], *, lengths: bool = True
+) -> ScaledProgram:
+    """The program with rows, unknowns and cost scaled by powers of two, hence without rounding (Ruiz 2001).
+
+    Parameters
+    ----------
+    P, A : sparse
+    bounds : l, u (m,)
+    lengths : also measure all unknowns in the largest distance of a bound from the origin
+
+    Examples
+    --------
+    >>> A = sparse.csc_matrix([[1e5, 0.0], [0.0, 3e-4]])
+    >>> one = scaled_program(sparse.csc_matrix(np.eye(2)), np.ones(2), A, (np.zeros(2), np.array([1e5, np.inf])))
+    >>> float(abs(one.A).max()) <= 1.5, bool(np.all(np.log2(one.rows) % 1.0 == 0.0)), float(one.bounds[1][1])
+    (True, True, inf)
+    """
+    n, m = q.size, A.shape[0]
+    columns, rows = np.ones(n), np.ones(m)
+    bend, size = abs(P), float(np.max(np.abs(P.data))) if P.nnz else 1.0
+    for _ in range(8):
+        held = sparse.diags_array(rows) @ abs(A) @ sparse.diags_array(columns)
+        rows = rows / _positive(np.sqrt(np.asarray(held.power(2).sum(axis=1)).ravel()))
+        held = sparse.diags_array(rows) @ abs(A) @ sparse.diags_array(columns)
+        bent = (sparse.diags_array(columns) @ bend @ sparse.diags_array(columns)) / size
+        reach = np.maximum(_most(held, n), _most(bent, n))
+        columns = columns / np.sqrt(_positive(reach))
+    columns = _power_of_two(columns)
+    held = A @ sparse.diags_array(columns)
+    rows = _power_of_two(1.0 / _positive(np.sqrt(np.asarray(held.power(2).sum(axis=1)).ravel())))
+    sides = np.concatenate([np.abs(rows * side)[np.abs(side) < NO_BOUND] for side in bounds])
+    if lengths and np.any(sides):
+        length = float(_power_of_two(np.array([np.max(sides)]))[0])
+        columns, rows = columns * length, rows / length
+    weight = sparse.csc_matrix(sparse.diags_array(columns) @ P @ sparse.diags_array(columns))
+    slope = columns * q
+    steep = max(float(np.max(np.abs(weight.data))) if weight.nnz else 0.0, float(np.max(np.abs(slope), initial=0.0)))
+    cost = float(_power_of_two(np.array([steep]))[0]) if steep > 0.0 else 1.0
+    return ScaledProgram(
+        P=weight / cost, q=slope / cost,
+        A=sparse.csc_matrix(sparse.diags_array(rows) @ A @ sparse.diags_array(columns)),
+        bounds=(rows * bounds[0], rows * bounds[1]), rows=rows, columns=columns, cost=cost,
+    )  # fmt: skip
+
+
 def osqp_candidate(
     P: Any, q: FloatArray, A: Any, bounds: tuple[FloatArray, FloatArray], *, time_limit: float
 ) -> Candidate:
@@ -110,3 +181,16 @@ def _point(values: Any) -> FloatArray | None:
         return None
     array = np.asarray(values, dtype=float)
     return array if np.all(np.isfinite(array)) else None
+
+
+def _most(matrix: Any, n: int) -> FloatArray:
+    """Largest entry of each column, zero where there is none."""
+    return np.asarray(matrix.max(axis=0).toarray(), dtype=float).ravel() if matrix.shape[0] else np.zeros(n)
+
+
+def _positive(values: FloatArray) -> FloatArray:
+    return np.where(values > 0.0, values, 1.0)
+
+
+def _power_of_two(values: FloatArray) -> FloatArray:
+    return np.asarray(np.exp2(np.round(np.log2(np.clip(values, 1e-100, 1e100)))), dtype=float)
