@@ -130,7 +130,8 @@ def new(
         raise typer.Exit(BAD_INPUT) from None
     # dev.py says how it was called: in a fresh clone there is no maglev-ctrl on PATH.
     command = os.environ.get("MAGLEV_CTRL_COMMAND", "maglev-ctrl")
-    typer.echo(f"written: {file}\nnext:    {command} check {file}\n         {command} report {file}")
+    steps = "\n         ".join(f"{command} {verb} {file}" for verb in ("check", "report", "design"))
+    typer.echo(f"written: {file}\nnext:    {steps}")
 
 
 @app.command()

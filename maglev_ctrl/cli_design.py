@@ -163,7 +163,7 @@ def _print(study: DesignStudy) -> None:
 
     from maglev_ctrl.report.design.content import THIN_GAIN, THIN_PHASE
     from maglev_ctrl.report.design.tables import smallest_margins
-    from maglev_ctrl.report.design.words import claims_in_short
+    from maglev_ctrl.report.design.words import claim_units, claims_in_short
 
     screen = console()
     screen.print(f"[bold]{escape(study.title)}[/]")
@@ -177,7 +177,7 @@ def _print(study: DesignStudy) -> None:
         name = f"{escape(option.label)}\n[dim]{escape(law)}[/]" if law != option.label else escape(option.label)
         said = [option.failure] if option.failure else []
         if option.synthesis is not None and not option.failure:
-            said += claims_in_short(option.synthesis)
+            said += claims_in_short(option.synthesis, claim_units(option))
         said += [f"with actuator delays: {option.delays}"] if option.delays else []
         gain, phase, _ = smallest_margins(option.margins)
         if gain < THIN_GAIN or phase < THIN_PHASE:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from decimal import ROUND_FLOOR, Context, Decimal
 
 import numpy as np
 from numpy.linalg import LinAlgError
@@ -40,6 +41,14 @@ NOTHING = 1e-7
 """A norm below this share of the bound the law was made for is rounding."""
 SHARES = (1e-3, 1e-4, 1e-5)
 """Sizes of what is added to a singular plant; the infimum is told for the last two."""
+_LIMITS = {
+    "growth of X": "the solution of the Riccati equation, and gains with it, grow without bound",
+    "frequency": "the gain at one frequency, which no law of this kind lowers",
+    "coupling of control and estimation": "control and estimation together, each of which could reach less alone",
+    "answer to the disturbance at once": "what a disturbance does before the law can answer",
+    "feedthrough": "what disturbances do to outputs at once, which no law changes",
+    "unknown": "not known",
+}
 STATE_LAW = "H-infinity state feedback"
 OUTPUT_LAW = "H-infinity output feedback"
 
@@ -201,7 +210,10 @@ def _design(
     points = _curve(posed[0], curve)
     smallest = posed[0].smallest
     if gamma is not None and gamma <= smallest:
-        message = f"no law reaches {gamma:.6g}: the infimum is {smallest:.6g} (limit: {posed[0].bracket.limit})"
+        message = (
+            f"no law reaches {gamma:.6g}: none of this kind stays below {smallest:.6g}; what ends the range: "
+            f"{limit_words(posed[0].bracket.limit)}"
+        )
         return _record(refused(law, [plant], Status.INFEASIBLE, message), posed[0], gamma, np.nan, points)
     return _made(law, plant, posed, back_off, gamma, gain_bound, points)
 
@@ -238,13 +250,43 @@ def _posed(plant: Plant, pose: Callable[[Plant], Problem], back_off: float, gamm
     for share, problem, bracket in tried[best::-1]:
         notes: tuple[str, ...] = (
             f"the plant is singular: {'; '.join(found.sentences)}",
-            f"small outputs and disturbances are added, {share:g} of the plant's own scale for the law; the infimum of "
-            f"the plant is at most {told}",
+            f"small outputs and disturbances are added, {share:g} of the plant's own scale for the law; the lowest "
+            f"level of the plant itself is at most {told}",
         )
         if falling:
-            notes += ("the infimum falls with what is added: it is lower, or is reached with unlimited gain only",)
+            notes += (
+                "the lowest level falls with what is added: it is lower still, or is reached with unlimited gain only",
+            )
         posed.append(_Posed(problem, bracket, smallest, notes, shares, infima))
     return posed
+
+
+def _level_words(posed: _Posed, level: float) -> str:
+    """How near the least possible level a law was made, for people."""
+    limit = posed.bracket.limit
+    if limit.startswith("none") or not posed.smallest > 0.0:
+        return f"laws of this kind make the gain as small as wanted; this one was made for {level:.4g}"
+    context = Context(prec=4, rounding=ROUND_FLOOR)
+    least = float(context.create_decimal(Decimal(posed.smallest)))  # no law is below it: never told higher than it is
+    added = "with what is added, " if posed.shares else ""
+    return (
+        f"{added}no law of this kind stays below {least:.4g}; this one was made for {level:.4g} "
+        f"({100.0 * (level / posed.smallest - 1.0):.2g} % above, for smaller gains); what ends the range: "
+        f"{limit_words(limit)}"
+    )
+
+
+def limit_words(limit: str) -> str:
+    """What ends the range of levels a law can reach, in words.
+
+    Examples
+    --------
+    >>> limit_words("control: growth of X")
+    'in control, the solution of the Riccati equation, and gains with it, grow without bound'
+    """
+    part, _, name = limit.rpartition(": ")
+    words = _LIMITS.get(name, name)
+    return f"in {part}, {words}" if part in ("control", "estimation") else _LIMITS.get(limit, limit)
 
 
 def _target(posed: _Posed, back_off: float) -> float:
@@ -282,10 +324,10 @@ def _made(
         least = min(least, gain)
         if gain_bound is not None and gain > gain_bound:
             continue
-        notes = [f"infimum {posed.smallest:.7g} (limit: {posed.bracket.limit}); made for {level:.7g}", *posed.notes]
+        notes = [_level_words(posed, level), *posed.notes]
         if level > target:
             reason = f"keep the gain below {gain_bound:.6g}" if gain_bound is not None else "be proved"
-            notes.append(f"gamma was raised from {target:.6g} to {level:.6g} to {reason}")
+            notes.append(f"it was to be made for {target:.4g}; that was raised to {level:.4g} to {reason}")
         design = _finished(law, plant, posed, controller, level, norm, notes, points)
         if design.synthesis.controllers:
             return design

@@ -13,6 +13,7 @@ from maglev_ctrl.synthesis.h_infinity import (
     h_infinity_output_feedback,
     h_infinity_state_feedback,
     h_infinity_synthesis,
+    limit_words,
 )
 from maglev_ctrl.synthesis.h_infinity_central import central_controller, couple, normal_form
 from maglev_ctrl.synthesis.h_infinity_game import Channel, solve_game
@@ -156,7 +157,19 @@ def test_a_level_below_the_infimum_is_refused():
     design = h_infinity_state_feedback(_scalar(1.0), gamma=0.99)
     assert design.synthesis.status is Status.INFEASIBLE
     assert not design.synthesis.controllers
-    assert "the infimum is 1" in design.synthesis.message
+    assert "none of this kind stays below 1" in design.synthesis.message
+    assert design.synthesis.message.endswith(f"what ends the range: {limit_words(design.limit)}")
+
+
+def test_nearness_to_the_least_level_is_told_in_words():
+    (told,) = h_infinity_state_feedback(_scalar(1.0), back_off=1.05).synthesis.notes
+    assert (
+        told.startswith("no law of this kind stays below ") and "made for 1.05 (5 % above, for smaller gains)" in told
+    )
+    assert 0.999 <= float(told.split(" below ")[1].split(";")[0]) <= 1.0
+    assert all(
+        ": " not in limit_words(name) for name in ("estimation: frequency", "control: growth of X", "feedthrough")
+    )
 
 
 def test_unmovable_and_unseen_modes_are_named():
@@ -180,7 +193,7 @@ def test_singular_plants_are_enlarged_in_the_open():
     design = h_infinity_state_feedback(cheap, curve=())
     told = " ".join(design.synthesis.notes)
     assert "not weighed at once" in told
-    assert "the infimum falls with what is added" in told
+    assert "the lowest level falls with what is added" in told
     assert design.infima[0] > design.infima[1] > design.infima[2]
     # A zero at the origin from u to z: z = [x1'; u] of a double integrator.
     zero = Plant.from_matrices(

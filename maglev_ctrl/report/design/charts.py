@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from maglev_ctrl.arrays import ComplexArray, FloatArray
@@ -21,6 +23,25 @@ ALIKE = 1e-3
 _HERTZ = 2.0 * np.pi
 
 
+def response_chart(study: LawStudy) -> Chart | None:
+    """Poles and gain over frequency side by side; one alone where there is no other."""
+    poles, gain = poles_chart(study), gain_chart(study)
+    if poles is None or gain is None or study.gain is None:
+        return poles or gain
+    curve = study.gain
+    bound = f"; proved below {number(round_up(curve.level), digits=4)}" if np.isfinite(curve.level) else ""
+    unstable = " Without the law the loop is unstable." if _unstable(study) else ""
+    return Chart(
+        key=f"{study.name}-response",
+        caption=f"Left: poles of {study.label}{_where(study)}, no actuator delays; crosses without the law, dots with "
+        f"it.{_outside(study)} Right: largest gain at the design point, disturbances by their density, outputs and "
+        f"commands by their allowed values{bound}.{unstable}",
+        alt=f"{poles.alt} {gain.alt}",
+        panels=(replace(poles.panels[0], title="poles"), replace(gain.panels[0], title="gain")),
+        columns=2, panel_height=1.8, legend="bottom",
+    )  # fmt: skip
+
+
 def poles_chart(study: LawStudy) -> Chart | None:
     """Open- and closed-loop poles of every corner, once for the slow ones of the vehicle; None without corners."""
     if not study.corners:
@@ -37,16 +58,11 @@ def poles_chart(study: LawStudy) -> Chart | None:
     away, held = _hover(study, "open_loop"), _hover(study, "closed_loop")
     items.append(Marks(opened.real, opened.imag, "cross", "without the law", FADED, 5.0, away))
     items.append(Marks(closed.real, closed.imag, "circle", "with the law", colour(1), 4.5, held))
-    outside = int(np.sum((closed.real < window[0]) | (np.abs(closed.imag) > window[2])))
-    corners = "" if len(study.corners) == 1 else f" at {len(study.corners)} operating points"
-    more = {0: "", 1: " A faster one lies outside the figure."}.get(
-        outside, f" {outside} faster ones lie outside the figure."
-    )
     worst = float(np.max(closed.real, initial=-np.inf))
     return Chart(
         key=f"{study.name}-poles",
-        caption=f"Poles of {study.label}{corners}, actuator delays left out; crosses without the law, dots with it."
-        f"{more}",
+        caption=f"Poles of {study.label}{_where(study)}, actuator delays left out; crosses without the law, dots with "
+        f"it.{_outside(study)}",
         alt=f"Poles of {study.label}: the rightmost pole with the law is at {number(worst, '1/s')}.",
         panels=(Panel(tuple(items), Axis("real part (1/s)", limits=window[:2]),
                       Axis("imaginary part (rad/s)", limits=(-window[2], window[2]))),),
@@ -60,8 +76,7 @@ def gain_chart(study: LawStudy) -> Chart | None:
         return None
     curve = study.gain
     x = np.log10(curve.frequency / _HERTZ)
-    opened = study.corners[0].open_loop.real if study.corners else np.zeros(0)
-    unstable = bool(np.max(opened, initial=-np.inf) >= 0.0)
+    unstable = _unstable(study)
     items: list[Item] = [
         Line(x, _decibel(curve.open_loop), "without the law" + (", unstable" if unstable else ""), FADED, "dash"),
         Line(x, _decibel(curve.closed_loop), "with the law", colour(1)),
@@ -182,6 +197,23 @@ def manoeuvre_chart(study: LawStudy, predictive: PredictiveStudy) -> Chart:
         alt=f"{len(panels)} signals over time of the manoeuvre of {study.label}.",
         panels=tuple(panels), panel_height=1.5, share_x=True,
     )  # fmt: skip
+
+
+def _unstable(study: LawStudy) -> bool:
+    """Whether the design point is unstable without the law."""
+    opened = study.corners[0].open_loop.real if study.corners else np.zeros(0)
+    return bool(np.max(opened, initial=-np.inf) >= 0.0)
+
+
+def _where(study: LawStudy) -> str:
+    return "" if len(study.corners) == 1 else f" at {len(study.corners)} operating points"
+
+
+def _outside(study: LawStudy) -> str:
+    window = _window(study.corners)
+    closed = np.concatenate([corner.closed_loop for corner in study.corners])
+    count = int(np.sum((closed.real < window[0]) | (np.abs(closed.imag) > window[2])))
+    return {0: "", 1: " A faster one lies outside."}.get(count, f" {count} faster ones lie outside.")
 
 
 def _decibel(values: FloatArray) -> FloatArray:

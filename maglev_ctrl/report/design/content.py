@@ -11,9 +11,8 @@ from maglev_ctrl.errors import Verdict
 from maglev_ctrl.report.content_option import margin_blocks
 from maglev_ctrl.report.design.charts import (
     budget_chart,
-    gain_chart,
     manoeuvre_chart,
-    poles_chart,
+    response_chart,
     schedule_chart,
 )
 from maglev_ctrl.report.design.levels import level_blocks
@@ -84,7 +83,7 @@ def _counted(study: DesignStudy) -> str:
 
 def _summary(study: DesignStudy) -> Section:
     proved = [option.label for option in study.options if option.verdict is Verdict.PASS]
-    words = f"Proved: {', '.join(proved)}." if proved else "No law was proved."
+    words = f"Proved: {'; '.join(proved)}." if proved else "No law was proved."
     missing = [option for option in study.options if option.verdict is not Verdict.PASS]
     words += "".join(f" {option.label}: {_why(option)}." for option in missing)
     blocks: list[Block] = [Banner(study.verdict, words)]
@@ -107,7 +106,7 @@ def _summary(study: DesignStudy) -> Section:
     thin = [option.label for option in study.options if _thin(option)]
     if thin:
         blocks.append(Paragraph(
-            f"Proved is not robust: {', '.join(thin)} {'has' if len(thin) == 1 else 'have'} less than "
+            f"Proved is not robust: {'; '.join(thin)} {'has' if len(thin) == 1 else 'have'} less than "
             f"{THIN_GAIN:g} dB of gain margin or {THIN_PHASE:g} deg of phase margin. A claim is about the model and "
             "its corners; maglev-ctrl report judges the requirements of the scenario."
         ))  # fmt: skip
@@ -155,9 +154,9 @@ def _option(option: LawStudy) -> list[Section]:
     if option.synthesis.performance:
         blocks.append(performance_table(option))
     blocks += level_blocks(option)
-    for chart in (poles_chart(option), gain_chart(option)):
-        if chart is not None:
-            blocks.append(FigureBlock(chart))
+    chart = response_chart(option)
+    if chart is not None:
+        blocks.append(FigureBlock(chart))
     if len(option.corners) > 1:
         blocks.append(corner_table(option))
     sections = [Section(option.label, anchor, 1, tuple(blocks), option.verdict)]

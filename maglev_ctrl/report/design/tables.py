@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from maglev_ctrl.analysis.margins import Margins
 from maglev_ctrl.errors import Verdict
-from maglev_ctrl.report.design.words import claim_words, short_names
+from maglev_ctrl.report.design.words import claim_units, claim_words, short_names
 from maglev_ctrl.report.model import Cell, Table, cell, row
 from maglev_ctrl.report.style import ABSENT, number
 from maglev_ctrl.study.design.budgeted import shown_damping
-from maglev_ctrl.study.design.document import units_of
 from maglev_ctrl.study.design.records import LawStudy, PredictiveStudy, SampledLaw
 from maglev_ctrl.synthesis.damping.budget import DampingBudget
 
@@ -19,34 +20,45 @@ MOST_ROWS = 6
 """More rows than this are set small."""
 MOST_PLACES = 4
 """A table of more places than this tells the cost of each alone in the figure only."""
+COMPARED, ALONE = 7, 5
+"""Digits of numbers that stand beside what was reported, and of those that stand alone."""
+GAIN = "gain of the law"
 _METHODS = {"tustin": "Tustin's rule", "hold": "held measurements"}
 
 
 def claim_table(option: LawStudy) -> Table:
     """Every claim in a sentence, whether it is proved, by how much and by what."""
     assert option.synthesis is not None
+    units = claim_units(option)
     rows = tuple(
-        (cell(claim_words(option.synthesis, i)), cell(Verdict.PASS if proof.holds else Verdict.FAIL),
+        (cell(claim_words(option.synthesis, i, units)), cell(Verdict.PASS if proof.holds else Verdict.FAIL),
          cell(number(proof.margin)), cell(proof.method if proof.holds else proof.reason))
         for i, proof in enumerate(option.synthesis.proofs)
     )  # fmt: skip
     caption = (
-        f"What {option.label} claims, numbers rounded to the safe side. Margin: smallest eigenvalue of the inequality, "
+        f"Claims of {option.label}; numbers rounded to the safe side. Margin: smallest eigenvalue of the inequality, "
         "scaled to a largest of about one"
     )
     return Table(caption, ("Claim", "Proved", "Margin", "By"), rows, (4.2, 0.9, 0.8, 1.4), (2,), True)
 
 
 def performance_table(option: LawStudy) -> Table:
-    """Numbers a solver reported beside the same numbers found again from the closed loop."""
+    """Numbers a solver reported, where it did, beside the same numbers found again from the closed loop."""
     assert option.synthesis is not None
-    rows = tuple(
-        row(one.quantity, ABSENT if np.isnan(one.reported) else number(one.reported, one.unit, digits=7),
-            number(one.recomputed, one.unit, digits=7))
-        for one in option.synthesis.performance
-    )  # fmt: skip
+    numbers = option.synthesis.performance
+    reported = any(not np.isnan(one.reported) for one in numbers)
+    rows = []
+    for one in numbers:
+        unit = _gain_unit(option) if one.quantity == GAIN else one.unit
+        digits = COMPARED if not np.isnan(one.reported) else ALONE
+        told = [ABSENT if np.isnan(one.reported) else number(one.reported, unit, digits=digits)] if reported else []
+        rows.append(row(one.quantity, *told, number(one.recomputed, unit, digits=digits)))
+    if not reported:
+        caption = f"Numbers of {option.label}, computed from the closed loop by independent code"
+        return Table(caption, ("Quantity", "Computed"), tuple(rows), (3.6, 1.2), (1,), len(rows) > MOST_ROWS)
     caption = f"Numbers of {option.label}: as the synthesis reports them, and computed again by independent code"
-    return Table(caption, ("Quantity", "Reported", "Recomputed"), rows, (3.6, 1.0, 1.0), (1, 2), len(rows) > MOST_ROWS)
+    heads = ("Quantity", "Reported", "Recomputed")
+    return Table(caption, heads, tuple(rows), (3.6, 1.2, 1.2), (1, 2), len(rows) > MOST_ROWS)
 
 
 def corner_table(option: LawStudy) -> Table:
@@ -76,15 +88,10 @@ def gain_table(option: LawStudy) -> Table | None:
         if law.D[i, j] != 0.0
     ]
     entries.sort(key=lambda entry: entry[:2])
-    units = units_of(option.document["extra"]) if option.document is not None else {}
-
-    def unit(name: str, seen: str) -> str:
-        per = units.get(seen, "")
-        per = f"({per})" if "/" in per else per
-        return f"{units[name]}/{per}" if per and name in units else "SI"
-
+    units = claim_units(option)
     rows = tuple(
-        row(name, seen, number(value, digits=5), unit(name, seen)) for name, seen, value in entries[:MOST_ENTRIES]
+        row(name, seen, number(value, digits=5), _unit_of_gain(units, name, seen))
+        for name, seen, value in entries[:MOST_ENTRIES]
     )
     more = len(entries) - len(rows)
     caption = f"Gains of {option.label}: u = gain x measurement"
@@ -92,6 +99,20 @@ def gain_table(option: LawStudy) -> Table | None:
         caption += ", of the sampled law that acts where a step fails"
     caption += f" ({more} more are in design.json)" if more > 0 else ""
     return Table(caption, ("Command", "Measured", "Gain", "Unit"), rows, (1.6, 2.2, 1.2, 1.0), (2,), True)
+
+
+def _unit_of_gain(units: Mapping[str, str], command: str, measured: str) -> str:
+    per = units.get(measured, "")
+    per = f"({per})" if "/" in per else per
+    return f"{units[command]}/{per}" if per and command in units else "SI"
+
+
+def _gain_unit(option: LawStudy) -> str:
+    """The unit all gains of the law share; "SI" where they differ, and the largest of all has none of its own."""
+    assert option.synthesis is not None
+    law, units = option.synthesis.controllers[0], claim_units(option)
+    found = {_unit_of_gain(units, law.commands[i], law.measured[j]) for i, j in np.argwhere(law.D)}
+    return found.pop() if len(found) == 1 else "SI"
 
 
 def sampled_table(sampled: SampledLaw) -> Table:
@@ -103,7 +124,8 @@ def sampled_table(sampled: SampledLaw) -> Table:
     names = (("gain margin", "dB"), ("phase margin", "deg"), ("disk margin, all channels", ""))
     for (name, unit), old, new in zip(names, before, after, strict=True):
         lost = 0.0 if abs(old - new) < 1e-6 * abs(old) else old - new
-        rows.append(row(name, number(old, unit), number(new, unit), number(lost, unit)))
+        told = number(lost, unit) if not lost < 0.0 else f"gained {number(-lost, unit)}"
+        rows.append(row(name, number(old, unit), number(new, unit), told))
     stable = "stable" if loss.stable else "NOT STABLE"
     limit = loss.largest_period
     reach = f"{number(1e3 * limit.value, 'ms')}{'' if limit.verified else ' (not verified)'}"

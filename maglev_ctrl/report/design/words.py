@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from maglev_ctrl.proofs.claims import Proof, SegmentClaim
 from maglev_ctrl.report.style import number
+from maglev_ctrl.study.design.document import units_of
+from maglev_ctrl.study.design.records import LawStudy
 from maglev_ctrl.synthesis.result import Synthesis
 
 DIGITS: Final = 4
@@ -17,15 +19,31 @@ _NUMBER: Final = re.compile(
 )
 _BOUND: Final = re.compile(r"(?P<before>decays at |below )(?P<value>[\d.]+(?:e[+-]?\d+)?)")
 _SEGMENTS: Final = "segments"
+_PARAMETER: Final = "the parameter"
+_SPEED: Final = re.compile(r"(moves at \S+)( per second)")
+_COMMAND: Final = re.compile(r"\|(?P<name>[^|]+)\| < [\d.]*\d(?:e[+-]?\d+)?")
 _WIDTH: Final = re.compile(r", [\d.e+-]+ wide,")
 _NUMBERED: Final = re.compile(r"([A-Za-z_][\w.]*?)(\d+)([A-Za-z_.]*)")
 _LIST: Final = re.compile(r"[A-Za-z_][\w.]*(?:, [A-Za-z_][\w.]*)+")
 
 
-def claim_words(synthesis: Synthesis, place: int) -> str:
-    """One claim in a sentence: rounded to the side that claims less, matrices left out, operating points named."""
+def claim_units(option: LawStudy) -> dict[str, str]:
+    """SI units for the numbers in an option's claims: of its signals by name, and of the parameter of its schedule."""
+    units = units_of(option.document["extra"]) if option.document is not None else {}
+    schedule = option.schedule.schedule if option.schedule is not None else None
+    return units if schedule is None else {**units, _PARAMETER: schedule.unit}
+
+
+def claim_words(synthesis: Synthesis, place: int, units: Mapping[str, str] | None = None) -> str:
+    """One claim in a sentence: rounded to the side that claims less, matrices left out, operating points named.
+
+    Parameters
+    ----------
+    units : as of `claim_units`
+    """
     claim = synthesis.claims[place]
     words, names = _short(synthesis.proofs[place]), [synthesis.plants[i].name for i in claim.plants]
+    words = _with_units(words, units or {})
     if isinstance(claim, SegmentClaim):
         words = _WIDTH.sub("", words).replace("between the 2 closed loops", f"from {names[0]} to {names[1]}")
     elif len(names) == 1 and len(synthesis.plants) > 1:
@@ -33,8 +51,13 @@ def claim_words(synthesis: Synthesis, place: int) -> str:
     return words
 
 
-def claims_in_short(synthesis: Synthesis) -> tuple[str, ...]:
-    """The claims for a terminal: what is said of several operating points is told once, with the weakest bound."""
+def claims_in_short(synthesis: Synthesis, units: Mapping[str, str] | None = None) -> tuple[str, ...]:
+    """The claims for a terminal: what is said of several operating points is told once, with the weakest bound.
+
+    Parameters
+    ----------
+    units : as of `claim_units`
+    """
     told: dict[str, list[int]] = {}
     for place, (claim, proof) in enumerate(zip(synthesis.claims, synthesis.proofs, strict=True)):
         if not proof.holds:
@@ -44,7 +67,10 @@ def claims_in_short(synthesis: Synthesis) -> tuple[str, ...]:
         else:
             key = _BOUND.sub(lambda found: found["before"], proof.statement) if len(claim.plants) == 1 else str(place)
         told.setdefault(key, []).append(place)
-    return tuple(key if key.startswith("NOT") else _told(synthesis, places) for key, places in told.items())
+    return tuple(
+        _with_units(key if key.startswith("NOT") else _told(synthesis, places), units or {})
+        for key, places in told.items()
+    )
 
 
 def _told(synthesis: Synthesis, places: Sequence[int]) -> str:
@@ -69,6 +95,17 @@ def _told(synthesis: Synthesis, places: Sequence[int]) -> str:
 
 def _short(proof: Proof) -> str:
     return rounded_claim(proof.statement.partition(" (L + ")[0])
+
+
+def _with_units(words: str, units: Mapping[str, str]) -> str:
+    """Units behind the limits of commands and the speed of the parameter, where they are known."""
+
+    def limited(found: re.Match[str]) -> str:
+        return f"{found[0]} {units[found['name']]}" if found["name"] in units else found[0]
+
+    if _PARAMETER in units:
+        words = _SPEED.sub(rf"\1 {units[_PARAMETER]}\2", words)
+    return _COMMAND.sub(limited, words)
 
 
 def rounded_claim(statement: str) -> str:
