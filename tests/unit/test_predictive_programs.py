@@ -179,3 +179,80 @@ def test_scaling_is_exact():
     there = scaled.restored(x, y)
     outer = data.P @ there[0] + q + A.T @ there[1]
     assert scaled.columns * outer / scaled.cost == pytest.approx(inner, rel=1e-12, abs=1e-12)
+
+
+# P, q, A, lower, upper of programs whose rows are far from the size of one; optima from the equations of their bounds
+FAR = {
+    "bounds far from the origin": (
+        [[8.638, 4.069, -0.1479, 0.7271, 1.554], [4.069, 21.69, -2.442, 3.38, 16.16],
+         [-0.1479, -2.442, 26.48, -3.734, 2.299], [0.7271, 3.38, -3.734, 1.571, 3.454],
+         [1.554, 16.16, 2.299, 3.454, 17.34]],
+        [-0.2339, 0.9676, 0.6921, 0.0176, 0.1744],
+        [[4.029e-06, -1.807e-05, -2.415e-05, -6.921e-06, 1.668e-06], [-8182.0, -7137.0, 5913.0, -4169.0, -4302.0],
+         [-0.07398, -0.2474, 0.2034, 0.3344, 0.2446], [3.304e-05, -4.128e-05, 1.967e-05, -2.292e-06, 2.972e-05]],
+        [-7.344, -6377.0, -4.419, -5.772], [-3.244, -6377.0, -3.046, -5.38],
+    ),
+    "one row of 1e-5": (
+        [[20.87, 8.874, -5.354, -8.41], [8.874, 10.58, 10.22, -12.57], [-5.354, 10.22, 41.4, -15.67],
+         [-8.41, -12.57, -15.67, 15.39]],
+        [0.3768, -0.1308, 2.326, 0.4895],
+        [[-203700.0, -50860.0, -154100.0, -88980.0], [-24.5, 23.19, -17.84, -38.53],
+         [-4.529e-06, -8.313e-05, 2.748e-06, -3.162e-05], [-30.22, -8.591, -224.4, 949.6]],
+        [386300.0, None, -3.59, None], [386300.0, -36.56, -3.577, 2613.0],
+    ),
+    "an equation of 1e4": (
+        [[16.8278, -4.63188, 4.68764, 11.8007, -4.66877], [-4.63188, 30.9646, 3.34731, -24.2731, -0.423252],
+         [4.68764, 3.34731, 2.95893, 3.58028, -1.26449], [11.8007, -24.2731, 3.58028, 36.9427, -0.897513],
+         [-4.66877, -0.423252, -1.26449, -0.897513, 1.49243]],
+        [0.920379, -1.27517, 1.15603, 0.612192, -0.943897],
+        [[-0.177708, 0.408076, 0.229022, 0.257229, -0.106089], [-10946.5, 12994.7, 29696.3, -23766.1, 57443.9],
+         [-7.0063e-05, 2.92591e-06, -1.9889e-05, -9.90823e-05, 4.26608e-06]],
+        [None, 85822.7, -2.82061], [-0.26724, 85822.7, -2.81197],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FAR)
+def test_programs_far_from_the_origin(name):
+    """Solved, and no set of active bounds does better: the multipliers are those of an independent least squares."""
+    P, q, A, lower, upper = FAR[name]
+    found = quadratic_program(P, q, A, lower, upper)
+    assert found.status is Status.SOLVED
+    P, q, A = np.array(P), np.array(q), np.array(A)
+    low, high = (np.array([none if v is None else v for v in b]) for b, none in ((lower, -np.inf), (upper, np.inf)))
+    product, terms = A @ found.x, np.abs(A) @ np.abs(found.x)
+    assert np.all(product >= low - 1e-12 * terms) and np.all(product <= high + 1e-12 * terms)
+    active = np.flatnonzero((np.abs(product - low) <= 1e-11 * terms) | (np.abs(product - high) <= 1e-11 * terms))
+    norms = np.linalg.norm(A[active], axis=1)
+    slope = P @ found.x + q
+    push = np.linalg.lstsq((A[active] / norms[:, None]).T, -slope, rcond=None)[0]
+    assert np.linalg.norm(slope + (A[active] / norms[:, None]).T @ push) <= 1e-10 * np.linalg.norm(P) * np.linalg.norm(
+        found.x
+    )
+    one_sided = low[active] < high[active]
+    at_upper = np.abs(product - high)[active] <= 1e-11 * terms[active]
+    assert np.all(np.where(at_upper, push, -push)[one_sided] >= 0.0)
+
+
+def test_a_ray_is_told_from_a_distant_corner():
+    """Two rows that are copies leave a ray; turned by a millionth they meet far away, and no ray is told."""
+    A = np.array([
+        [0.002409124528170691, 0.003339209631509323, 0.00290410845474306, 0.0017633663379615792],
+        [-5.328723283916565e-05, 7.906956766012306e-05, 1.9630162579229152e-05, -4.1207030130826094e-06],
+        [1136.1610385468339, -17941.289136256037, 22399.220428865672, 16390.270163040273],
+        [-0.0008305676432270358, -0.005927432389074303, -8.100705575800138e-05, 0.0010998180120930037],
+        [0.07673629842711095, 0.1063617026840663, 0.0925027039665216, 0.05616737697195297],
+    ])  # fmt: skip
+    q = [2.323147808746772, 0.7685283776585802, -0.5266794635700347, -0.4257074353911484]
+    lower = [None, 0.19835090365972072, None, 0.19765562242188117, -0.21752235765414238]
+    upper = [1.719864101574416, 0.31109860258925176, -34113.74949555386, 0.19765562242188117, -0.2149086881069497]
+    found = quadratic_program(np.zeros((4, 4)), q, A, lower, upper)
+    assert found.status is Status.UNBOUNDED
+    d = found.certificate
+    assert q @ d < 0.0 and np.max(np.abs(A[[1, 3, 4]] @ d) / np.linalg.norm(A[[1, 3, 4]], axis=1)) <= 1e-11
+    turned = A.copy()
+    turned[0, 3] *= 1.0 - 1e-6
+    turned[4, 3] *= 1.0 + 1e-6
+    free = np.array([-np.inf if v is None else v for v in lower]), np.array(upper)
+    assert not proves_unbounded(np.zeros((4, 4)), np.array(q), turned, free, d)
+    assert quadratic_program(np.zeros((4, 4)), q, turned, lower, upper).status is not Status.UNBOUNDED

@@ -20,7 +20,7 @@ NO_BOUND = 1e20
 """A bound of this size or more is none."""
 FARTHEST = 1e7
 """A certificate of infeasibility holds if no feasible point lies within so many times the scale of the bounds."""
-STRAIGHT = 1e-8
+STRAIGHT = 1e-11
 """Relative size below which a product with a unit direction counts as zero."""
 CANCELLED = 1e-4
 """Part of the terms of a row that counts with its bound as the size of the row: terms that cancel excuse little."""

@@ -27,7 +27,7 @@ from maglev_ctrl.synthesis.predictive.kkt import (
     proves_unbounded,
     termwise_residual,
 )
-from maglev_ctrl.synthesis.predictive.refine import active_set_steps, excluding_rows, refine
+from maglev_ctrl.synthesis.predictive.refine import LARGEST, active_set_steps, excluding_rows, refine
 from maglev_ctrl.synthesis.predictive.solvers import (
     Candidate,
     ScaledProgram,
@@ -360,6 +360,13 @@ def _ray(data: QuadraticData) -> FloatArray | None:
     if found.status != 0 or found.x is None:
         return None
     d = np.where(np.abs(found.x) > 1e-9, found.x, 0.0)
+    if n + rows.size <= LARGEST:
+        # the tolerance of the linear program is taken out, so that nearly parallel rows are told from parallel
+        moved = np.asarray(scaled @ d).ravel()
+        along = (np.abs(moved) < 1e-6) & (above | below)
+        still = sparse.vstack([flat, scaled[np.flatnonzero(along)]]).toarray()
+        for _ in range(2):
+            d = d - np.linalg.lstsq(still, still @ d, rcond=1e-12)[0]
     return d if proves_unbounded(data.P, data.q, data.A, data.bounds, d) else None
 
 
