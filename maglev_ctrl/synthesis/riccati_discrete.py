@@ -85,7 +85,7 @@ def riccati_discrete(
         if refined is None:
             return unsolved(a, b, *_diagnosis(equation))
         decay = _gramian(equation.A - equation.B @ refined.gain.high, np.eye(len(a)))
-        if not exists(_departure(equation, refined, decay)):
+        if not (exists(_departure(equation, refined, decay)) or _plainly_inside(refined)):
             return unsolved(a, b, *_reason(equation, refined))
         condition = _condition(equation, refined.P.high, decay)
         return _finished(equation, refined, condition, agreement(seeds, refined.P.high, condition, newton))
@@ -169,12 +169,21 @@ def _departure(equation: _Equation, refined: Refined, decay: FloatArray) -> floa
     return 2.0 * (size * loop * moved + noise) + size * moved**2
 
 
+def _plainly_inside(refined: Refined) -> bool:
+    """Poles away from the circle that the last step did not move.
+
+    It speaks for states of very different size, whose norms say nothing.
+    """
+    inside = 1.0 - refined.edge
+    return inside > 1e-6 and refined.step <= 1e-3 and refined.drift <= 1e-2 * inside
+
+
 def _reason(equation: _Equation, refined: Refined) -> tuple[Status, str]:
     """Why the iterates led to no solution."""
     status, message = _diagnosis(equation)
     if status is Status.INFEASIBLE:
         return status, message
-    if refined.step > 1e-3:
+    if refined.step > 1e-3 or refined.edge < 1.0 - 1e-6:
         return Status.NUMERICAL_ERROR, f"Newton's method stalled at relative step {refined.step:.1e}"
     where = f"the closed loop's pole {1.0 - refined.edge:.1e} inside the unit circle cannot be told from one on it"
     return Status.INFEASIBLE, f"{where}: no stabilising solution"

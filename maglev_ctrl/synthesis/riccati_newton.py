@@ -6,7 +6,7 @@ Shared by the continuous and the discrete equation, which bring the correction o
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,7 +24,8 @@ SPENT = 0.1
 class Refined:
     """A solution `P` kept as a pair, its gain, the relative size of the next Newton `step`, the seed it came from.
 
-    `edge` tells how stable the loop is: largest real part of its poles, or their largest modulus where sampled.
+    `edge` tells how stable the loop is: largest real part of its poles, or their largest modulus where sampled;
+    `drift` how far one step moved it: at a double root by half of its distance from neutral, else hardly at all.
     """
 
     P: Extended
@@ -32,6 +33,7 @@ class Refined:
     step: float
     edge: float
     method: str
+    drift: float
 
 
 Step = Callable[[Extended], tuple[Extended, float, FloatArray] | None]
@@ -48,7 +50,7 @@ def refined(seed: FloatArray, method: str, newton: Step) -> Refined | None:
     >>> refined(np.array([[3.0]]), "guess", newton).P.high.round(12)
     array([[2.]])
     """
-    P, last = Extended.of(seed), np.inf
+    P, last, before = Extended.of(seed), np.inf, np.inf
     best: Refined | None = None
     for _ in range(NEWTON_STEPS):
         found = newton(P)
@@ -59,8 +61,12 @@ def refined(seed: FloatArray, method: str, newton: Step) -> Refined | None:
         step = float(np.linalg.norm(correction)) / size if size > 0.0 else float(np.linalg.norm(correction))
         if not np.isfinite(step):
             break
+        drift = abs(edge - before)
         if best is None or step < best.step:
-            best = Refined(P, gain, step, edge, method)
+            best = Refined(P, gain, step, edge, method, drift if step > EPS**1.5 else 0.0)
+        elif not np.isfinite(best.drift):
+            best = replace(best, drift=drift)
+        before = edge
         if step <= EPS**1.5 or (step < 1e-9 and step > 0.5 * last):
             break
         P, last = (P + Extended.of(0.5 * (correction + correction.T))).symmetric(), step

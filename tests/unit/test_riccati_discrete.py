@@ -235,3 +235,13 @@ def test_the_popov_function_agrees_on_which_equations_have_a_solution() -> None:
         assert solution.status is (Status.INFEASIBLE if changes else Status.SOLVED), solution.message
         count[changes] += 1
     assert min(count.values()) >= 6
+
+
+def test_states_of_very_different_size_are_no_reason_to_refuse() -> None:
+    rng = np.random.default_rng(11)
+    for _ in range(15):
+        n, spread = int(rng.integers(2, 6)), rng.uniform(0.0, 3.0)
+        A = rng.normal(size=(n, n)) * 10.0 ** rng.uniform(-spread, spread, (n, n))
+        B = rng.normal(size=(n, 2)) * 10.0 ** rng.uniform(-spread, spread, (n, 2))
+        solution = riccati_discrete(A, B, np.eye(n), np.eye(2))
+        assert solution.status in (Status.SOLVED, Status.ALMOST_SOLVED), solution.message
