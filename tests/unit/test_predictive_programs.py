@@ -251,8 +251,8 @@ def test_a_ray_is_told_from_a_distant_corner():
     d = found.certificate
     assert q @ d < 0.0 and np.max(np.abs(A[[1, 3, 4]] @ d) / np.linalg.norm(A[[1, 3, 4]], axis=1)) <= 1e-11
     turned = A.copy()
-    turned[0, 3] *= 1.0 - 1e-6
-    turned[4, 3] *= 1.0 + 1e-6
+    turned[0, 3] *= 1.0 + 1e-6
+    turned[4, 3] *= 1.0 - 1e-6
     free = np.array([-np.inf if v is None else v for v in lower]), np.array(upper)
     assert not proves_unbounded(np.zeros((4, 4)), np.array(q), turned, free, d)
     assert quadratic_program(np.zeros((4, 4)), q, turned, lower, upper).status is not Status.UNBOUNDED
