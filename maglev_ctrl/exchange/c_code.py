@@ -19,6 +19,10 @@ KEYWORDS = """
     restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
 """
 LINE = 76
+_SIGNS = {
+    "Y": "changes from the operating point; a stroke is positive where its first end moves up or left",
+    "U": "changes from the operating point; a force is positive where it pushes its first end up or left",
+}
 
 
 def c_source(
@@ -136,7 +140,7 @@ def _header(
     lines.append(f"#define {upper}_DT {_number(law.dt or 0.0)} /* sampling period, s: call the step once per period */")
     lines.append("")
     for key, names, what in (("Y", law.measured, "measurements"), ("U", law.commands, "commands")):
-        lines.append(f"/* {what} */")
+        lines.append(f"/* {what}; {_SIGNS[key]} */")
         lines.append("enum {")
         for index, (label, full) in enumerate(zip(_labels(names), names, strict=True)):
             lines.append(f"    {upper}_{key}_{label} = {index}, /* {_plain(full)}{unit.get(full, '')} */")

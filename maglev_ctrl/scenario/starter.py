@@ -8,6 +8,7 @@ _TEMPLATE = """\
 # A scenario of maglev-ctrl: one vehicle, the suspension options to compare, and what they must reach.
 #   maglev-ctrl check  FILE.toml      says what is wrong, with line and column
 #   maglev-ctrl report FILE.toml      computes everything and writes the report
+#   maglev-ctrl design FILE.toml      the control laws alone, each with what is proved of it
 #   maglev-ctrl schema                prints the whole format as a JSON Schema
 #
 # Every quantity is a text with its unit: "12.7 mm", "88 t", "500 km/h", "40 kN*s/m", "0.01 m/s^2/Hz^0.5".
@@ -127,6 +128,9 @@ allowed = [                           # the largest value you would accept of ea
   { actuator = "cylinder", value = "5 kN" },
 ]
 disturbance = "0.5 m/s^2/Hz^0.5"      # what shakes the bodies; not for lqr, lqi, scheduled, mpc
+# law = "h_infinity"                  # in place of lqg: the least gain at the worst frequency, from the same sensors
+# feedback = "sensors"                #   (or "states"); command_disturbance buys margins, for larger norms
+# command_disturbance = 0.1
 
 # -------------------------------------------------------------------------------------------- requirements
 [[requirement]]
@@ -162,7 +166,7 @@ def starter_text(title: str) -> str:
 
     Examples
     --------
-    >>> starter_text("My train").splitlines()[8]
+    >>> starter_text("My train").splitlines()[9]
     'title = "My train"'
     """
     return _TEMPLATE.replace("@TITLE@", json.dumps(title, ensure_ascii=False))

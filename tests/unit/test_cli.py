@@ -217,7 +217,8 @@ def test_new_tells_the_command_that_was_used(
     assert "next:    maglev-ctrl check one.toml" in capsys.readouterr().out
     monkeypatch.setenv("MAGLEV_CTRL_COMMAND", "python3 dev.py")
     assert main(["new", "two"]) == 0
-    assert "python3 dev.py check two.toml\n         python3 dev.py report two.toml" in capsys.readouterr().out
+    assert "python3 dev.py check two.toml\n         python3 dev.py report two.toml" in (told := capsys.readouterr().out)
+    assert told.endswith("python3 dev.py design two.toml\n")
 
 
 def test_schema_and_version(capsys: pytest.CaptureFixture[str]) -> None:

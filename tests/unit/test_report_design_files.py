@@ -48,6 +48,7 @@ def test_exports_carry_their_origin(study: DesignStudy) -> None:
         if not name.endswith(".mat"):  # texts of MATLAB files are UTF-16
             assert study.scenario_hash.encode() in content and b"0.75 MN/m" in content, name
             assert b"sign of the feedback" in content
+    assert b"a force is positive where it pushes its first end up" in made["lqr.h"]
     from scipy.io import loadmat
 
     read = loadmat(io.BytesIO(made["lqr.mat"]), simplify_cells=True)
