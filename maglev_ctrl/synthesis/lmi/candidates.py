@@ -11,8 +11,11 @@ from scipy.linalg import LinAlgError, solve_continuous_are, solve_continuous_lya
 
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.errors import Status
+from maglev_ctrl.synthesis.lmi.bounds import violated
+from maglev_ctrl.synthesis.lmi.fastest import shifted_regulator, without_limit
 from maglev_ctrl.synthesis.lmi.optimise import HARD, optimise
-from maglev_ctrl.synthesis.lmi.problem import PRICED, Optimum, Problem
+from maglev_ctrl.synthesis.lmi.problem import PRICED, Optimum, Problem, pose
+from maglev_ctrl.synthesis.lmi.request import requirements
 
 SLACKS = (0.2, 0.03)
 """Scaled time constants tried for the slack equation; towards zero a common matrix is the special case."""
@@ -22,6 +25,8 @@ SHARE = 0.7
 """Share of the time left that one search may take; the rest is for its proof."""
 HARDER = 1.1
 """Ratio of the decay rate asked to the rate claimed, where the latter was not proved at first."""
+MORE = 1.02
+"""The same ratio for one matrix."""
 SECOND_SOLVER_LEAST, SECOND_SOLVER_STATES = 10.0, 12
 """Seconds that must be left, and most states, for a solver that knows no time limit."""
 
@@ -55,8 +60,11 @@ def candidates(problem: Problem) -> Iterator[Candidate]:
     >>> [one.optimum.status.name for one in candidates(posed)]
     ['SOLVED']
     """
+    if without_limit(problem):
+        yield Candidate(problem, Optimum(Status.UNBOUNDED, {}))
+        return
     if problem.lyapunov == "common":
-        yield _common(problem)
+        yield from _of_one_matrix(problem)
         return
     found = _vertexwise(problem)
     useful = [one for one in found if one.optimum.values]
@@ -71,11 +79,29 @@ def candidates(problem: Problem) -> Iterator[Candidate]:
                 yield again
 
 
+def _of_one_matrix(problem: Problem) -> Iterator[Candidate]:
+    """Without the bounds that are slack; with all; with a little more decay, where what was asked is not proved."""
+    request = problem.request
+    slack = without_slack_bounds(problem)
+    if slack is not None and slack.optimum.certain:
+        yield slack
+        slack = None
+    first = _fastest(problem) if request.objective == "decay" else _common(problem)
+    if first.optimum.values or slack is None:
+        yield first
+    if request.decay_rate is not None and request.objective != "decay" and first.optimum.values:
+        again = _demanding(problem, MORE)
+        if again.optimum.values:
+            yield again
+    if slack is not None:
+        yield slack
+
+
 def _common(problem: Problem) -> Candidate:
     """The optimum for one matrix; in plain coordinates, and by CVXOPT, where there is none and there is time."""
-    first = Candidate(problem, optimise(problem))
+    first = _candidate(problem)
     if not first.optimum.values and first.optimum.status not in HARD and not problem.plain:
-        first = Candidate(plain := problem.in_plain_coordinates(), optimise(plain))
+        first = _candidate(problem.in_plain_coordinates())
     stumbled = first.optimum.status in (Status.NUMERICAL_ERROR, Status.ITERATION_LIMIT)
     if not stumbled or problem.solver != "CLARABEL" or find_spec("cvxopt") is None:
         return first
@@ -83,8 +109,21 @@ def _common(problem: Problem) -> Candidate:
         return first
     other = replace(problem, solver="CVXOPT")
     note = f"CLARABEL ended with {first.optimum.status.name}; the answer is CVXOPT's"
-    second = Candidate(other, optimise(other), note)
+    second = _candidate(other, note)
     return second if second.optimum.values else first
+
+
+def _fastest(problem: Problem) -> Candidate:
+    """The largest decay rate by the inequality; or of a regulator, where the test of the gain is too strict for it."""
+    found = _common(problem)
+    least = max(found.optimum.objective if found.optimum.values else 0.0, problem.request.decay_rate or 0.0)
+    if problem.request.commands is not None or problem.clock.left <= 0.0:
+        return found
+    other = shifted_regulator(problem, lambda gain: not violated(problem, gain))
+    if other is None or other.problem is None or other.rate <= least:
+        return found
+    note = f"the inequalities, whose test of the gain is sufficient only, found {least:.6g} 1/s"
+    return Candidate(other.problem, replace(other, solves=found.optimum.solves), note)
 
 
 def _vertexwise(problem: Problem) -> list[Candidate]:
@@ -126,16 +165,54 @@ def _relaxed(problem: Problem) -> Candidate:
             return Candidate(problem, replace(optimum, rate=request.decay_rate), note, free)
         if not optimum.values:
             return Candidate(problem, optimum, note)
-    return Candidate(problem, optimise(problem), note)
+    return _candidate(problem, note)
 
 
-def _demanding(problem: Problem) -> Candidate:
+def _candidate(problem: Problem, note: str = "") -> Candidate:
+    """The optimum of a problem, and the problem in the coordinates the optimum is told in."""
+    optimum = optimise(problem)
+    return Candidate(optimum.problem or problem, optimum, note)
+
+
+def without_slack_bounds(problem: Problem) -> Candidate | None:
+    """The optimum of a norm with only those bounds that it does not meet by itself; None where that is all of them.
+
+    Each bound is a matrix inequality that shares the matrix of the objective: one that is slack costs performance, and
+    numbers. Bounds the law of the rest breaks are added, until none is broken.
+    """
+    request = problem.request
+    names = [name for name, _ in requirements(request) if name != "commands"]
+    if request.objective not in ("h2", "h_infinity") or not names:
+        return None
+    kept: set[str] = set()
+    while len(kept) < len(names) and problem.clock.left > 0.0:
+        fewer = replace(request, **{name: None for name in names if name not in kept})  # type: ignore[arg-type]
+        posed = pose(
+            problem.plants, fewer, session=problem.session, clock=problem.clock.part(SHARE), solver=problem.solver
+        )
+        found = optimise(posed)
+        if not found.values:
+            return None
+        broken = violated(problem, posed.gain(found.values))
+        if not broken:
+            dropped = [words for name, words in requirements(request) if name in names and name not in kept]
+            note = f"met by the optimum without asking for it: {', '.join(dropped)}"
+            whole = replace(posed, request=request, clock=problem.clock)
+            return Candidate(whole, replace(found, rate=request.decay_rate or 0.0), note, posed)
+        if broken <= kept:
+            return None
+        kept |= broken
+    return None
+
+
+def _demanding(problem: Problem, share: float = HARDER) -> Candidate:
     """With the decay rate among the inequalities, and a little more than the rate that is to be proved."""
     rate = problem.request.decay_rate or 0.0
-    harder = replace(
-        problem.with_request(replace(problem.request, decay_rate=HARDER * rate)), clock=problem.clock.part(SHARE)
-    )
-    note = f"matrices of the vertices with a slack of {problem.slack:g} scaled time constants, and the decay asked for"
+    more = share * rate
+    harder = replace(problem.with_request(replace(problem.request, decay_rate=more)), clock=problem.clock.part(SHARE))
+    note = f"with {more:.6g} 1/s asked for, to have room to prove {rate:g} 1/s"
+    if problem.lyapunov != "common":
+        note = f"matrices of the vertices with a slack of {problem.slack:g} scaled time constants, {note}"
     return Candidate(problem, replace(optimise(harder), rate=rate), note, harder)
 
 

@@ -42,13 +42,15 @@ def levels(problem: Problem, optimum: Optimum) -> tuple[float, float]:
     request, scaling, found = problem.request, problem.scaling, optimum.values
     two = infinity = np.nan
     if request.has_h2:
-        two = float(np.sqrt(max(float(found["energy"]), 0.0))) * scaling.h2 * (1.0 + ROOM)
         if request.objective != "h2" and request.h2_below is not None:
             two = request.h2_below
+        else:
+            two = float(np.sqrt(max(float(found["energy"]), 0.0))) * scaling.h2 * (1.0 + ROOM)
     if request.has_h_infinity:
-        infinity = float(found["gamma"]) * scaling.h_infinity * (1.0 + ROOM)
         if request.objective != "h_infinity" and request.h_infinity_below is not None:
             infinity = request.h_infinity_below
+        else:
+            infinity = float(found["gamma"]) * scaling.h_infinity * (1.0 + ROOM)
     return two, infinity
 
 
@@ -80,7 +82,7 @@ def common_claims(
         wanted.append((claim, MultiObjective("h2", h2_channel=names)))
     if request.has_h_infinity:
         names = request.h_infinity_channel
-        P_infinity = read_only(P * problem.scaling.h_infinity, name="P")
+        P_infinity = read_only(P * problem.scaling.h_infinity * problem.scaling.balance, name="P")
         claim = GainClaim(plants, laws, infinity, P_infinity[None], names.disturbances, names.performance)
         wanted.append((claim, MultiObjective("h_infinity", h_infinity_channel=names)))
     claims: list[Claim] = []
@@ -291,7 +293,7 @@ def _solved_again(problem: Problem, claim: Claim, alone: MultiObjective, control
         case EnergyClaim():
             return replace(claim, P=read_only(P[None] * scaling.h2**2 / scaling.rate, name="P"))
         case GainClaim():
-            return replace(claim, P=read_only(P[None] * scaling.h_infinity, name="P"))
+            return replace(claim, P=read_only(P[None] * scaling.h_infinity * scaling.balance, name="P"))
         case DecayClaim():
             return replace(claim, P=P[None])
         case _:

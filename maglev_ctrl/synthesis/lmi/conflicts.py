@@ -2,14 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import combinations
 
+import numpy as np
+
 from maglev_ctrl.errors import Status
-from maglev_ctrl.synthesis.lmi.problem import USUAL, WIDE, Problem
-from maglev_ctrl.synthesis.lmi.request import only, requirements
+from maglev_ctrl.synthesis.lmi.fastest import without_limit
+from maglev_ctrl.synthesis.lmi.optimise import optimise
+from maglev_ctrl.synthesis.lmi.problem import USUAL, WIDE, Problem, pose
+from maglev_ctrl.synthesis.lmi.request import Objective, only, requirements
 
 SOLVES_MOST = 24
+BEST: dict[str, tuple[Objective, str]] = {
+    "gain_below": ("gain", "the least gain found that stabilises"),
+    "h2_below": ("h2", "the least found"),
+    "h_infinity_below": ("h_infinity", "the least found"),
+    "decay_rate": ("decay", "the largest found"),
+}
+"""Objective that tells what can be reached of a bound, and the words for it."""
+ALONE, CLEARLY, SHARES = 0.3, 0.01, 8
+"""Share of the time left for one bound; margin by which it must be missed; steps in the share of initial states."""
 
 
 def conflict(problem: Problem) -> str:
@@ -34,20 +48,114 @@ def conflict(problem: Problem) -> str:
         return f"{scope}no state feedback makes every vertex stable"
     if _feasible(problem, []) is False:
         return f"{scope}no state feedback makes every vertex stable, whatever else is asked"
+    found = _smallest(problem, whole=True)
+    if found:
+        return found
+    told = _list([words[name] for name in names])
+    return f"{scope}not all can be met together: {told}{_caveat(names)}"
+
+
+def suspected_conflict(problem: Problem) -> str:
+    """One sentence about what cannot be met, for a problem without an answer; empty where nothing is found out.
+
+    Examples
+    --------
+    >>> from maglev_ctrl.synthesis.lmi.problem import pose
+    >>> from maglev_ctrl.synthesis.lmi.request import MultiObjective
+    >>> from maglev_ctrl.synthesis.lmi.session import Clock, LmiSession
+    >>> from maglev_ctrl.systems.plant import Plant
+    >>> plant = Plant.from_matrices([[1.0]], [[1.0]], [[1.0]], [[1.0]])
+    >>> suspected_conflict(pose((plant,), MultiObjective(gain_below=2.0), session=LmiSession(), clock=Clock(60.0)))
+    ''
+    """
+    return _smallest(problem, whole=False)
+
+
+def _smallest(problem: Problem, *, whole: bool) -> str:
+    """The smallest set that is refuted; with `whole`, all together are known to be."""
+    wanted = requirements(problem.request)
+    scope, words, names = _scope(problem), dict(wanted), [name for name, _ in wanted]
     solves, all_told = 1, True
     for size in range(1, len(names) + 1):
         for chosen in combinations(names, size):
             told = _list([words[name] for name in chosen])
-            if size == len(names) and all_told:
-                return _sentence(told, size, scope, chosen)
-            if size == len(names) or solves >= SOLVES_MOST or problem.clock.left <= 0.0:
+            reach = ""
+            if whole and size == len(names) and all_told:
+                return _sentence(told, size, scope, chosen) + (reachable(problem, chosen[0])[0] if size == 1 else "")
+            if (whole and size == len(names)) or solves >= SOLVES_MOST or problem.clock.left <= 0.0:
                 break
             solves += 1
             answer = _feasible(problem, chosen)
+            if size == 1 and not answer:
+                reach, beyond = reachable(problem, chosen[0])
+                answer = False if beyond else answer
             all_told = all_told and answer is not None
             if answer is False:
-                return _sentence(told, size, scope, chosen)
-    return f"{scope}not all can be met together: {_list([words[name] for name in names])}{_caveat(names)}"
+                return _sentence(told, size, scope, chosen) + reach
+    return ""
+
+
+def reachable(problem: Problem, name: str) -> tuple[str, bool]:
+    """What can be reached where one bound alone is asked for, in words, and whether that falls short of the bound."""
+    request, clock = problem.request, problem.clock.part(ALONE)
+    if name == "commands":
+        return _share_held(problem), False
+    if name not in BEST:
+        return "", False
+    objective, words = BEST[name]
+    alone = replace(only(request, []), objective=objective)
+    one = pose(
+        problem.plants, alone, session=problem.session, clock=clock, solver=problem.solver, lyapunov=problem.lyapunov
+    )  # fmt: skip
+    if without_limit(one):
+        return "", False
+    found = optimise(one)
+    if not found.values or not np.isfinite(found.objective) or (objective == "decay" and not found.certain):
+        return "", False
+    bound, best = float(getattr(request, name)), found.objective
+    missed = best * (1.0 - CLEARLY) > bound if found.certain else 0.5 * best > bound
+    if objective == "decay":
+        missed = best * (1.0 + CLEARLY) < bound
+    return f"; {words} is about {best:.3g}", missed
+
+
+def share_of_starts(problem: Problem) -> str:
+    """Where the solver fails with command limits and a norm: from how much smaller initial states there is a law."""
+    if problem.request.commands is None or not (problem.request.has_h2 or problem.request.has_h_infinity):
+        return ""
+    key = "gamma" if problem.request.objective == "h_infinity" or not problem.request.has_h2 else "energy"
+    share = _share(problem, lambda one: one.solve(USUAL, {f"weigh_{key}": 1.0}).usable)
+    if share == 0.0:
+        return ""
+    return (
+        "no law was found whose one Lyapunov matrix bounds the norm and keeps the commands below their limits from "
+        f"the initial states asked; from {share:.2g} of them there is one"
+    )
+
+
+def _share_held(problem: Problem) -> str:
+    """By how much smaller the initial states would have to be for the commands to stay below their limits."""
+    share = _share(problem, lambda one: bool(_feasible(one, ["commands"])))
+    return "" if share == 0.0 else f"; from {share:.2g} of the initial states they can"
+
+
+def _share(problem: Problem, serves: Callable[[Problem], bool]) -> float:
+    """Largest share of the initial states that serves, roughly; zero where none was found."""
+    commands = problem.request.commands
+    assert commands is not None
+    low, high = 0.0, 1.0
+    for _ in range(SHARES):
+        if problem.clock.left <= 0.0:
+            break
+        share = 0.125 * high if low == 0.0 else float(np.sqrt(low * high))
+        smaller = replace(
+            commands,
+            initial_states=None if commands.initial_states is None else share * np.asarray(commands.initial_states),
+            allowed=None if commands.allowed is None else share * np.asarray(commands.allowed),
+        )
+        one = problem.with_request(replace(problem.request, commands=smaller))
+        low, high = (share, high) if serves(one) else (low, share)
+    return low
 
 
 def _sentence(told: str, size: int, scope: str, chosen: Sequence[str]) -> str:
@@ -70,6 +178,8 @@ def _caveat(chosen: Sequence[str]) -> str:
 def _feasible(problem: Problem, names: tuple[str, ...] | list[str]) -> bool | None:
     """Whether the named requirements alone can be met; None where the solver could not tell."""
     part = problem.with_request(only(problem.request, names))
+    if problem.lyapunov == "common":
+        part = part.around(part.request.decay_rate or 0.0)
     weights = {"weigh_sigma": 1.0, "weigh_floor": 0.0 if part.homogeneous else 1.0}
     refuted = False
     for attempt in (USUAL, WIDE):

@@ -20,12 +20,20 @@ from maglev_ctrl.synthesis.lmi.scaling import ScaledVertex
 Norm = Literal["h2", "h_infinity"]
 LIFT, PRICE = 1e-4, 1e-6
 """Shares of state and command weight added, so that what no output sees has a size as well."""
+LIGHT = 1e-2
+"""Weight of the scaled states where no norm gives one."""
 RANK = 1e-13
 """Singular values of signals below this share of the largest are rounding."""
 
 
-def regulator_basis(vertices: Sequence[ScaledVertex], norms: Sequence[Norm] = ("h2",)) -> FloatArray:
+def regulator_basis(
+    vertices: Sequence[ScaledVertex], norms: Sequence[Norm] = ("h2",), *, shift: float = 0.0, gamma: float | None = None
+) -> FloatArray:  # fmt: skip
     """T (n, n) with T' P T = I, P of the regulator of the mean vertex and the outputs of the norms; else the identity.
+
+    With a `shift` (scaled) the regulator is that of A + shift I: its loop decays faster than `shift`, and the identity
+    is a certificate of that (Anderson & Moore 1990, section 3.5). Without norms all states and commands count alike.
+    With `gamma` (scaled) it is the H-infinity regulator of that bound, where there is one.
 
     Examples
     --------
@@ -35,13 +43,35 @@ def regulator_basis(vertices: Sequence[ScaledVertex], norms: Sequence[Norm] = ("
     >>> regulator_basis([vertex]).round(3)  # P = 2
     array([[0.707]])
     """
-    n = vertices[0].A.shape[0]
+    n, m = vertices[0].B.shape
     A, B = (np.mean([getattr(one, key) for one in vertices], axis=0) for key in ("A", "B"))
+    A = A + shift * np.eye(n)
+    if not norms:
+        return _basis(A, B, LIGHT * np.eye(n), np.eye(m), np.zeros((n, m)))
     C, D = (np.vstack([np.mean([getattr(one, key)[k] for one in vertices], axis=0) for key in norms]) for k in (1, 2))
     weight = C.T @ C + LIFT * max(float(np.linalg.norm(C, 2)) ** 2, 1e-12) * np.eye(n)
     price = D.T @ D + PRICE * max(float(np.linalg.norm(D, 2)) ** 2, PRICE) * np.eye(B.shape[1])
+    if gamma is not None and "h_infinity" in norms:
+        # Both channels as one, that of the bound divided by it; alike they give the regulator of either.
+        shares = [np.sqrt((1.0 if key == "h2" else 1.0 / gamma) / len(norms)) for key in norms]
+        parts = [[np.mean([getattr(v, key)[k] for v in vertices], axis=0) for key in norms] for k in (1, 2)]
+        C_g, D_g = (np.vstack([s * one for s, one in zip(shares, part, strict=True)]) for part in parts)
+        entry = np.mean([v.h_infinity[0] for v in vertices], axis=0)
+        inputs, q = np.hstack([B, entry]), entry.shape[1]
+        blocks = np.zeros((m + q, m + q))
+        blocks[:m, :m] = D_g.T @ D_g + PRICE * max(float(np.linalg.norm(D_g, 2)) ** 2, PRICE) * np.eye(m)
+        blocks[m:, m:] = -gamma * np.eye(q)
+        weight_2 = C_g.T @ C_g + LIFT * max(float(np.linalg.norm(C_g, 2)) ** 2, 1e-12) * np.eye(n)
+        found = _basis(A, inputs, weight_2, blocks, np.hstack([C_g.T @ D_g, np.zeros((n, q))]))
+        if not np.array_equal(found, np.eye(n)):
+            return found
+    return _basis(A, B, weight, price, C.T @ D)
+
+
+def _basis(A: FloatArray, B: FloatArray, weight: FloatArray, price: FloatArray, cross: FloatArray) -> FloatArray:
+    n = A.shape[0]
     try:
-        P = solve_continuous_are(A, B, weight, price, s=C.T @ D)
+        P = solve_continuous_are(A, B, weight, price, s=cross)
         root = cholesky(0.5 * (P + P.T))
         return np.asarray(solve_triangular(root, np.eye(n)), dtype=np.float64)
     except (LinAlgError, ValueError):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,8 @@ EASE = 0.2
 """Share of gain (squared) given up above the least where nothing is asked to be best."""
 RATE_MOST = 2.0**10
 """Scaled decay rate that counts as unbounded."""
-RATE_STEPS = 12
+RATE_STEPS, RATE_WIDTH = 12, 1e-3
+"""Bisections of the decay rate, and the relative width at which they stop."""
 GAIN_STEPS = {"gain": 8, "feasible": 2, "h2": 2, "h_infinity": 2, "decay": 2}
 NORMS = {"h2": ("energy", 2, "h2"), "h_infinity": ("gamma", 1, "h_infinity")}
 """Variable, power of the norm in it, and unit of an objective that is a norm."""
@@ -60,7 +62,7 @@ def optimise(problem: Problem) -> Optimum:
     if not found.values and found.status is Status.NUMERICAL_ERROR and problem.request.objective in NORMS:
         found = _bisected(problem)
         solves += found.solves
-    return Optimum(found.status, found.values, found.objective, found.rate, solves, found.certain)
+    return replace(found, solves=solves)
 
 
 def _bisected(problem: Problem) -> Optimum:
@@ -159,43 +161,60 @@ def _least_gain(
 
 
 def _decay(problem: Problem, attempt: int) -> Optimum:
-    """Largest common decay rate: a generalised eigenvalue problem, by bisection on the rate."""
+    """Largest common decay rate: a generalised eigenvalue problem, by bisection on the rate.
+
+    Each rate is tried in the coordinates of a regulator that decays that fast, where the inequalities are of order one.
+    """
     unit = problem.scaling.rate
-    low = (problem.request.decay_rate or 0.0) / unit
+    least = (problem.request.decay_rate or 0.0) / unit
     count = 0
 
-    def attempt_at(rate: float) -> Answer:
+    def attempt_at(rate: float) -> tuple[Problem, Answer]:
         nonlocal count
         count += 1
-        return problem.solve(attempt, {"twice_rate": 2.0 * rate, **_gain_weights(problem, 1.0)})
+        there = problem.around(rate * unit)
+        changes = {"twice_rate": 2.0 * rate, **_gain_weights(problem, 1.0)}
+        answer = there.solve(attempt, changes)
+        if not answer.usable and answer.status is not Status.TIME_LIMIT and not answer.certain_no:
+            count += 1
+            other = problem.in_plain_coordinates()
+            second = other.solve(attempt, changes)
+            if second.usable or second.certain_no:
+                return other, second
+        return there, answer
 
-    answer = attempt_at(low)
+    low = least
+    there, answer = attempt_at(low)
     if not answer.usable:
         return Optimum(answer.status, {}, solves=count, certain=answer.certain)
-    best, high = answer, max(2.0 * low, 0.125)
-    late = False  # then what was reached is the answer, and said to be no more than that
+    best, high, failed = (there, answer), max(2.0 * low, 0.125), answer
     while True:
-        answer = attempt_at(high)
-        late = answer.status is Status.TIME_LIMIT
+        there, answer = attempt_at(high)
         if not answer.usable:
+            failed = answer
             break
-        low, best, high = high, answer, 2.0 * high
+        low, best, high = high, (there, answer), 2.0 * high
         if high > RATE_MOST:
             return Optimum(Status.UNBOUNDED, {}, solves=count)
-    for _ in range(0 if late else RATE_STEPS):
+    for _ in range(0 if failed.status is Status.TIME_LIMIT else RATE_STEPS):
         middle = 0.5 * (low + high)
-        answer = attempt_at(middle)
-        late = answer.status is Status.TIME_LIMIT
-        if late:
-            break
+        there, answer = attempt_at(middle)
         if answer.usable:
-            low, best = middle, answer
+            low, best = middle, (there, answer)
         else:
-            high = middle
-    square = float(best.values["sigma"] / best.values["floor"])
-    if problem.request.gain_below is None and square > 0.25 * CAPS[attempt][1]:
-        return Optimum(Status.UNBOUNDED, {}, solves=count)  # only the cap on the gain holds it
-    rate = max((1.0 - BACK_OFF) * low, (problem.request.decay_rate or 0.0) / unit)
-    values, more = _least_gain(problem, attempt, best, {"twice_rate": 2.0 * rate})
-    status = Status.ALMOST_SOLVED if late else best.status
-    return Optimum(status, values, low * unit, rate * unit, count + more, not late)
+            high, failed = middle, answer
+        if failed.status is Status.TIME_LIMIT or high - low <= RATE_WIDTH * high:
+            break
+    found, answer = best
+    square = float(answer.values["sigma"] / answer.values["floor"])
+    rate = max((1.0 - BACK_OFF) * low, least)
+    ended = ""
+    if failed.status is Status.TIME_LIMIT:
+        ended = f"the time was up at {high * unit:.6g} 1/s"
+    elif not failed.certain_no:
+        ended = f"the solver could not tell whether {high * unit:.6g} 1/s is possible"
+    elif problem.request.gain_below is None and square > 0.25 * CAPS[attempt][1]:
+        ended = f"the gain reached the most the search allows, at {high * unit:.6g} 1/s"
+    values, more = _least_gain(found, attempt, answer, {"twice_rate": 2.0 * rate})
+    status = Status.ALMOST_SOLVED if ended else answer.status
+    return Optimum(status, values, low * unit, rate * unit, count + more, not ended, found, ended)

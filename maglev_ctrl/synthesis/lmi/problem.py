@@ -178,6 +178,14 @@ class Problem:
         )  # fmt: skip
         return replace(other, slack=self.slack)
 
+    def around(self, rate: float) -> Problem:
+        """The same problem in the coordinates of a regulator that decays at `rate` (1/s) or faster."""
+        other = pose(
+            self.plants, self.request, session=self.session, clock=self.clock, solver=self.solver,
+            lyapunov=self.lyapunov, rate=rate,
+        )  # fmt: skip
+        return replace(other, slack=self.slack)
+
     def with_request(self, request: MultiObjective) -> Problem:
         """The same vertices and scales, asked something else."""
         return replace(self, request=request)
@@ -192,8 +200,11 @@ def pose(
     solver: Solver = "CLARABEL",
     lyapunov: Lyapunov = "common",
     plain: bool = False,
+    rate: float | None = None,
 ) -> Problem:
     """The problem of a request, scaled; `plain` without the basis of the regulator.
+
+    rate : 1/s, of the loop whose certificate is the identity; the one asked for where none is given
 
     Examples
     --------
@@ -205,14 +216,21 @@ def pose(
     scaled = [scale_vertex(plant, request, scaling) for plant in plants]
     wanted: tuple[tuple[Norm, bool], ...] = (("h2", request.has_h2), ("h_infinity", request.has_h_infinity))
     norms = [key for key, used in wanted if used]
-    basis = regulator_basis(scaled, norms) if norms and not plain else np.eye(len(scaling.states))
+    wanted_rate = request.decay_rate if rate is None else rate
+    basis = np.eye(len(scaling.states))
+    if not plain and (norms or rate is not None):
+        gamma = None if request.h_infinity_below is None else request.h_infinity_below / scaling.h_infinity
+        basis = regulator_basis(scaled, norms, shift=(wanted_rate or 0.0) / scaling.rate, gamma=gamma)
     vertices = compressed([in_basis(one, basis) for one in scaled])
     return Problem(plants, request, scaling, basis, vertices, session, clock, solver, lyapunov)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Optimum:
-    """The best point found: scaled values, the objective in physical units, and the decay rate they were found for."""
+    """The best point found: scaled values, the objective in physical units, and the decay rate they were found for.
+
+    `problem` is the one whose coordinates the values are in, where it is not the one that was asked.
+    """
 
     status: Status
     values: Mapping[str, FloatArray]
@@ -220,3 +238,6 @@ class Optimum:
     rate: float = 0.0
     solves: int = 0
     certain: bool = True
+    problem: Problem | None = None
+    ended: str = ""
+    """Why a search for the largest decay rate went no further, where that is no proof that there is nothing more."""

@@ -21,13 +21,19 @@ from maglev_ctrl.systems.plant import Plant
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Scaling:
-    """x = states * x_scaled, u = commands * u_scaled, t = t_scaled / rate; norms in units of `h2` and `h_infinity`."""
+    """x = states * x_scaled, u = commands * u_scaled, t = t_scaled / rate; norms in units of `h2` and `h_infinity`.
+
+    `balance` shares the H-infinity channel out between disturbance and output, which changes no norm. Where one matrix
+    serves both norms it makes the matrix of A'P + P A + C'C + P B B'P / gamma^2 < 0 that of the H2 norm as well
+    (Bernstein & Haddad 1989).
+    """
 
     states: FloatArray
     commands: FloatArray
     rate: float
     h2: float
     h_infinity: float
+    balance: float = 1.0
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -70,14 +76,18 @@ def find_scaling(plants: Sequence[Plant], request: MultiObjective) -> Scaling:
     poles = np.abs(np.linalg.eigvals(closed))
     rate = float(np.exp(np.mean(np.log(np.maximum(poles, 1e-6 * np.max(poles))))))
     level_2, level_infinity = _norms(plants[0], request, A, B1, B2, C1, D12, gain / first)
-    return Scaling(_power(states), _power(commands), _power(np.array(rate)).item(), level_2, level_infinity)
+    rate = _power(np.array(rate)).item()
+    balance = 1.0
+    if request.has_h2 and request.has_h_infinity:
+        balance = level_2**2 / (rate * level_infinity * (request.h_infinity_below or level_infinity))
+    return Scaling(_power(states), _power(commands), rate, level_2, level_infinity, balance)
 
 
 def scale_vertex(plant: Plant, request: MultiObjective, scaling: Scaling) -> ScaledVertex:
     """A vertex in scaled coordinates.
 
-    G = G_scaled h_infinity for the H-infinity channel, with B / sqrt(rate) and C / (h_infinity sqrt(rate)); the H2
-    channel keeps B / sqrt(rate) and has C / h2.
+    G = G_scaled h_infinity for the H-infinity channel, with B b / sqrt(rate) and C / (b h_infinity sqrt(rate)), b^2 the
+    balance; the H2 channel keeps B / sqrt(rate) and has C / h2.
     """
     T, S, root = scaling.states, scaling.commands, np.sqrt(scaling.rate)
     two, infinity = (channel_indices(plant, c, k) for c, k in (
@@ -85,11 +95,12 @@ def scale_vertex(plant: Plant, request: MultiObjective, scaling: Scaling) -> Sca
     B_w = plant.B1 / T[:, None] / root
     C_z, D_z = plant.C1 * T, plant.D12 * S
     through = plant.D11[np.ix_(infinity[1], infinity[0])] / scaling.h_infinity
-    c_2, c_infinity = 1.0 / scaling.h2, 1.0 / (scaling.h_infinity * root)
+    b = float(np.sqrt(scaling.balance))
+    c_2, c_infinity = 1.0 / scaling.h2, 1.0 / (b * scaling.h_infinity * root)
     return ScaledVertex(
         A=plant.A * T / T[:, None] / scaling.rate, B=plant.B2 * S / T[:, None] / scaling.rate,
         h2=(B_w[:, two[0]], c_2 * C_z[two[1]], c_2 * D_z[two[1]]),
-        h_infinity=(B_w[:, infinity[0]], c_infinity * C_z[infinity[1]], c_infinity * D_z[infinity[1]], through),
+        h_infinity=(b * B_w[:, infinity[0]], c_infinity * C_z[infinity[1]], c_infinity * D_z[infinity[1]], through),
     )  # fmt: skip
 
 

@@ -71,6 +71,11 @@ class Answer:
         """There is a point to look at (to be proved, not to be believed)."""
         return bool(self.values) and self.status in (Status.SOLVED, Status.ALMOST_SOLVED)
 
+    @property
+    def certain_no(self) -> bool:
+        """The solver is sure that there is no point."""
+        return self.status is Status.INFEASIBLE and self.certain
+
 
 class LmiSession:
     """Problems kept by shape, so that the next operating point costs a solve and no new problem.

@@ -19,7 +19,8 @@ from maglev_ctrl.synthesis.lmi.certify import (
     state_feedback,
 )
 from maglev_ctrl.synthesis.lmi.conditions import Lyapunov
-from maglev_ctrl.synthesis.lmi.conflicts import conflict
+from maglev_ctrl.synthesis.lmi.conflicts import conflict, share_of_starts, suspected_conflict
+from maglev_ctrl.synthesis.lmi.fastest import price_of_decay, without_limit
 from maglev_ctrl.synthesis.lmi.optimise import BACK_OFF, optimise
 from maglev_ctrl.synthesis.lmi.problem import Optimum, Problem, pose
 from maglev_ctrl.synthesis.lmi.request import MultiObjective, check_request
@@ -90,12 +91,14 @@ def multi_objective(
         reached.append(_reached(one, design))
     if design.status is Status.NOT_VERIFIED and clock.left <= 0.0:
         return refused(LAW, named, Status.TIME_LIMIT, f"{_late(clock)}; {'; '.join(reached)}")
+    if design.status is Status.NOT_VERIFIED and (told := suspected_conflict(replace(posed, clock=clock))):
+        return refused(LAW, named, Status.INFEASIBLE, told)
     return design
 
 
 def _finished(one: Candidate, cross_check: bool) -> Synthesis:
     problem, optimum = one.problem, one.optimum
-    notes = _notes(problem, optimum) + ((one.note,) if one.note else ())
+    notes = _notes(problem, optimum, one.searched.regular) + ((one.note,) if one.note else ())
     if cross_check:
         disagreement = _second_opinion(one.searched, optimum)
         if disagreement:
@@ -133,11 +136,16 @@ def _released(problem: Problem, optimum: Optimum, notes: tuple[str, ...]) -> Syn
     )  # fmt: skip
 
 
-def _notes(problem: Problem, optimum: Optimum) -> tuple[str, ...]:
+def _notes(problem: Problem, optimum: Optimum, regular: bool) -> tuple[str, ...]:
     objective = problem.request.objective
     found = [f"{optimum.solves} semidefinite problems solved by {problem.solver}"]
-    if objective in WORDS:
-        given = "room to prove it" if problem.regular else "a smaller gain"
+    if objective == "decay" and optimum.ended:
+        found.append(
+            f"fastest decay found {optimum.objective:.6g} 1/s, which is no limit: the search ended because "
+            f"{optimum.ended}; more may be possible, at more gain"
+        )
+    elif objective in WORDS:
+        given = "room to prove it" if regular else "a smaller gain"
         found.append(
             f"best bound on the {WORDS[objective]} {optimum.objective:.6g}; up to {BACK_OFF:.1%} of it given up for "
             f"{given}"
@@ -145,7 +153,7 @@ def _notes(problem: Problem, optimum: Optimum) -> tuple[str, ...]:
     if objective == "h2" and len(problem.plants) > 1 and not np.isnan(least := least_energy(problem)):
         worst = largest_energy(problem, optimum)
         found.append(f"H2 norm at the worst vertex {worst:.6g}; no one law stays below {least:.6g} at every vertex")
-    if not optimum.certain:
+    if not optimum.certain and not (optimum.ended and problem.clock.left > 0.0):
         late = " (the time was up)" if problem.clock.left <= 0.0 else ""
         found.append(f"the search stopped before its end{late}, or the solver was not sure: a better law may exist")
     if problem.lyapunov != "common":
@@ -173,14 +181,23 @@ def _failed(problem: Problem, optimum: Optimum) -> Synthesis:
         case Status.INFEASIBLE:
             message = conflict(problem)
         case Status.UNBOUNDED:
-            message = (
-                "the decay rate can be made as large as wanted: bound the gain, the commands or the region of poles"
-            )
+            message = _unbounded(problem)
         case _:
-            message = (
-                "the solver stopped without an answer: rescale the plant, or relax the requirement nearest its limit"
+            message = suspected_conflict(problem)
+            if message:
+                return refused(LAW, plants, Status.INFEASIBLE, message)
+            message = share_of_starts(problem) or (
+                "the solver stopped without an answer, and no requirement was found that cannot be met: relax the one "
+                "nearest its limit"
             )
     return refused(LAW, plants, status, message)
+
+
+def _unbounded(problem: Problem) -> str:
+    message = "the decay rate can be made as large as wanted: bound the gain, the commands or the region of poles"
+    if without_limit(problem) and (examples := price_of_decay(problem)):
+        message += f" (each gain allows a rate of its own: {examples})"
+    return message
 
 
 def _late(clock: Clock) -> str:
