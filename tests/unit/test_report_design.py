@@ -22,6 +22,7 @@ from maglev_ctrl.report.design.charts import (
     response_chart,
 )
 from maglev_ctrl.report.design.content import design_model
+from maglev_ctrl.report.design.levels import level_blocks
 from maglev_ctrl.report.design.tables import (
     GAIN,
     budget_table,
@@ -40,10 +41,10 @@ from maglev_ctrl.report.design.words import (
     short_names,
 )
 from maglev_ctrl.report.html import html
-from maglev_ctrl.report.model import Banner, FigureBlock, Table
+from maglev_ctrl.report.model import Banner, FigureBlock, Paragraph, Table
 from maglev_ctrl.report.style import ABSENT, MINUS, number
 from maglev_ctrl.report.vector import svg
-from maglev_ctrl.study.design.records import DesignStudy
+from maglev_ctrl.study.design.records import DesignStudy, Level
 from maglev_ctrl.synthesis.damping.budget import damping_budget
 from maglev_ctrl.synthesis.damping.places import DampingPlace
 from maglev_ctrl.synthesis.lmi.regions import contains, damping, disk, half_plane, intersection
@@ -241,6 +242,17 @@ def test_poles_and_gains_share_a_figure(study: DesignStudy) -> None:
     gain = response_chart(replace(one, corners=()))
     assert poles is not None and gain is not None and len(poles.panels) == len(gain.panels) == 1
     assert response_chart(replace(one, corners=(), gain=None)) is None
+
+
+def test_levels_that_are_alike_share_a_row(study: DesignStudy) -> None:
+    names = [f"bogie_magnet_{k}.gap" for k in range(1, 12)]
+    levels = [Level(name, "m", 0.0096 * (1.0 + 1e-12 * k), 0.01, "") for k, name in enumerate(names)]
+    levels += [Level("other.gap", "m", 0.0095, 0.01, ""), Level("cylinder_bogie", "N", 24e3, 8e3, "")]
+    table, words = level_blocks(replace(law(study, "worst"), levels=tuple(levels)))
+    assert isinstance(table, Table) and isinstance(words, Paragraph)
+    told = [row[0].text for row in table.rows]
+    assert told == ["cylinder_bogie", "bogie_magnet_1.gap to bogie_magnet_11.gap", "other.gap"]
+    assert words.text.startswith("cylinder_bogie exceeds")
 
 
 def test_one_bound_for_several_points_is_the_weakest() -> None:

@@ -66,7 +66,7 @@ def poles_chart(study: LawStudy) -> Chart | None:
         alt=f"Poles of {study.label}: the rightmost pole with the law is at {number(worst, '1/s')}.",
         panels=(Panel(tuple(items), Axis("real part (1/s)", limits=window[:2]),
                       Axis("imaginary part (rad/s)", limits=(-window[2], window[2]))),),
-        panel_height=2.6,
+        panel_height=2.1,
     )  # fmt: skip
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from decimal import ROUND_FLOOR, Context, Decimal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -248,7 +249,8 @@ def _notes(
     checked, given, nodes = counts
     held = f"however fast {parameter} changes"
     if np.isfinite(fastest):
-        held = f"while {parameter} changes by less than {fastest:.4g} {unit} per s"
+        known = float(Context(prec=4, rounding=ROUND_FLOOR).create_decimal(Decimal(fastest)))  # never more than proved
+        held = f"while {parameter} changes by less than {known:g} {unit} per s"
     told = [f"proved {held}; plants are blended linearly between the nodes"]
     if nodes > given:
         told.append(f"{nodes - given} nodes were added to {given}")
