@@ -21,7 +21,8 @@ def level_blocks(option: LawStudy) -> list[Block]:
     several = len(option.corners) > 1
     rows = tuple(
         row(gathered(", ".join(each.name for each in alike)), number(one.root_mean_square, one.unit),
-            number(one.allowed, one.unit), number(100.0 * one.root_mean_square / one.allowed, "%"), *([one.where] if several else []))
+            number(one.allowed, one.unit), number(100.0 * one.root_mean_square / one.allowed, "%"),
+            *([one.where] if several else []))
         for alike in _alike(ranked)[:MOST_ROWS]
         for one in alike[:1]
     )  # fmt: skip
