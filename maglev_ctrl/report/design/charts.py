@@ -38,7 +38,7 @@ def response_chart(study: LawStudy) -> Chart | None:
         f"commands by their allowed values{bound}.{unstable}",
         alt=f"{poles.alt} {gain.alt}",
         panels=(replace(poles.panels[0], title="poles"), replace(gain.panels[0], title="gain")),
-        columns=2, panel_height=1.8, legend="bottom",
+        columns=2, panel_height=1.6, legend="bottom",
     )  # fmt: skip
 
 
