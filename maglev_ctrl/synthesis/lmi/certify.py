@@ -245,6 +245,8 @@ def _direct(problem: Problem, claim: Claim, controller: Controller) -> Claim:
     match claim:
         case DecayClaim():
             shifted = A + claim.rate * np.eye(A.shape[0])
+            if float(np.max(np.linalg.eigvals(shifted).real)) >= 0.0:
+                return claim
             P = np.asarray(solve_continuous_lyapunov(shifted.T, -np.eye(A.shape[0])), dtype=np.float64)
             return replace(claim, P=back(P))
         case RegionClaim():

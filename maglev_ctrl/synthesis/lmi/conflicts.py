@@ -89,13 +89,16 @@ def _smallest(problem: Problem, *, whole: bool) -> str:
             if size == 1 and not answer:
                 reach, beyond = reachable(problem, chosen[0])
                 answer = False if beyond else answer
+            if answer is None and chosen == ("decay_rate", "gain_below"):
+                reach, beyond = reachable(problem, "gain_below", with_decay=True)
+                answer = False if beyond else answer
             all_told = all_told and answer is not None
             if answer is False:
                 return _sentence(told, size, scope, chosen) + reach
     return ""
 
 
-def reachable(problem: Problem, name: str) -> tuple[str, bool]:
+def reachable(problem: Problem, name: str, *, with_decay: bool = False) -> tuple[str, bool]:
     """What can be reached where one bound alone is asked for, in words, and whether that falls short of the bound."""
     request, clock = problem.request, problem.clock.part(ALONE)
     if name == "commands":
@@ -103,7 +106,9 @@ def reachable(problem: Problem, name: str) -> tuple[str, bool]:
     if name not in BEST:
         return "", False
     objective, words = BEST[name]
-    alone = replace(only(request, []), objective=objective)
+    alone = replace(only(request, ["decay_rate"] if with_decay else []), objective=objective)
+    if with_decay:
+        words = "the least gain found with that decay rate"
     one = pose(
         problem.plants, alone, session=problem.session, clock=clock, solver=problem.solver, lyapunov=problem.lyapunov
     )  # fmt: skip
@@ -113,6 +118,9 @@ def reachable(problem: Problem, name: str) -> tuple[str, bool]:
     if not found.values or not np.isfinite(found.objective) or (objective == "decay" and not found.certain):
         return "", False
     bound, best = float(getattr(request, name)), found.objective
+    if objective == "gain":
+        # The inequality bounds the gain from above; what the law has is what was found.
+        best = float(np.linalg.norm((found.problem or one).gain(found.values), 2))
     missed = best * (1.0 - CLEARLY) > bound if found.certain else 0.5 * best > bound
     if objective == "decay":
         missed = best * (1.0 + CLEARLY) < bound
