@@ -120,7 +120,6 @@ def test_what_of_a_law_may_be_varied() -> None:
         ("mpc_stroke", "option.mpc.control.limit[0].value", "a map shows predictive control where no limit is active"),
         ("hinf_secondary", "option.h2.control.back_off", "an H2 law has no gamma to back off from"),
         ("damping_budget", "option.dampers.damping_budget.choose", "a damping budget is not chosen anew along a map"),
-        ("damping_budget", "option.dampers.damping_budget.decay_rates[1]", "a damping budget is not chosen anew along a map"),
         ("damping_budget", "option.dampers.spring_damper.primary_damper.damping", "damping_budget chooses the damping"),
         ("scheduled_speed", "option.interpolated.control.nodes[0]", "the nodes of a schedule have to rise"),
     ],
