@@ -10,6 +10,7 @@ from pydantic_core import PydanticCustomError, core_schema
 
 from maglev_ctrl.scenario.control_schema import ControlRecord, DampingBudget
 from maglev_ctrl.scenario.records import Many, Name, Record
+from maglev_ctrl.scenario.tuning_schema import TuneRecord
 from maglev_ctrl.scenario.units import (
     LENGTH,
     AccelerationNoise,
@@ -140,7 +141,7 @@ SensorRecord = Annotated[
 class OptionRecord(Record):
     """One suspension option: the elements added to the bare vehicle, and the control law of its actuators."""
 
-    later_keys: ClassVar[frozenset[str]] = frozenset({"damping_budget"})
+    later_keys: ClassVar[frozenset[str]] = frozenset({"damping_budget", "tunes"})
 
     name: Name = Field(description="unique name")
     label: str = Field("", max_length=80, description="name in tables and figures; left out: the name")
@@ -153,3 +154,4 @@ class OptionRecord(Record):
     damping_budget: DampingBudget | None = Field(
         None, description="choose the damping of the option's spring_dampers instead of prescribing it"
     )
+    tunes: Many[TuneRecord] = Field((), alias="tune", max_length=12, description="values that tuning chooses")

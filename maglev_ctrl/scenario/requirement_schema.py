@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
 from maglev_ctrl.scenario.records import Name, Record
-from maglev_ctrl.scenario.units import Angle, Decibel, Payload, PositiveLength, Rate, Ratio, Time
+from maglev_ctrl.scenario.units import (
+    Acceleration,
+    Angle,
+    Decibel,
+    ForceRate,
+    Payload,
+    PositiveLength,
+    Power,
+    Rate,
+    Ratio,
+    Time,
+)
 
 Over = Literal["nominal", "speed", "payload", "height", "gap", "lateral_offset"]
 _AT_LEAST = "smallest value that passes"
@@ -20,8 +31,21 @@ PERIODIC_QUANTITIES = ("modulation_ratio", "modulation_depth", *FLOQUET_MARGINS)
 """Quantities that need the table [periodic]."""
 
 
+RIDE_QUANTITIES = (
+    "weighted_acceleration", "acceleration_mask", "gap_used", "stroke_used", "contact_probability", "force_used",
+    "supplied_power", "force_rate",
+)  # fmt: skip
+"""Quantities that need the table [irregularity]."""
+
+ROBUST_QUANTITIES = ("robust_factor", "worst_case_growth", "worst_case_damping")
+"""Quantities that need the table [uncertainty]."""
+
+
 class _RequirementBase(Record):
+    later_keys: ClassVar[frozenset[str]] = frozenset({"hard", "passenger"})
+
     name: Name = Field(description="unique name")
+    hard: bool = Field(True, description="false: a wish; missing it is told, but does not fail the option")
     over: Over = Field("speed", description="judged at the design point (nominal) or at the worst point of a sweep")
 
     at_least: float | None
@@ -47,9 +71,9 @@ class _RequirementBase(Record):
 
 
 class RateRequirement(_RequirementBase):
-    """Growth rate: the largest real part of the closed-loop eigenvalues."""
+    """Growth rate: the largest real part of the closed-loop eigenvalues; also over the uncertain parameters."""
 
-    quantity: Literal["growth_rate"]
+    quantity: Literal["growth_rate", "worst_case_growth"]
     at_least: Rate | None = Field(None, description=_AT_LEAST)
     at_most: Rate | None = Field(None, description=_AT_MOST)
 
@@ -60,11 +84,15 @@ class RateRequirement(_RequirementBase):
 
 
 class RatioRequirement(_RequirementBase):
-    """Damping ratio, disk margin, and margins that are fractions of their expected or design value."""
+    """Ratios: damping, disk margin, sensitivity peak, margins relative to their expected or design value, and shares of
+    a clearance, a limit or a mask that are used up.
+    """
 
     quantity: Literal[
-        "damping_ratio", "disk_margin", "modulation_ratio", "modulation_depth", "floquet_speed_margin", "speed_margin"
-    ]
+        "damping_ratio", "disk_margin", "modulation_ratio", "modulation_depth", "floquet_speed_margin", "speed_margin",
+        "sensitivity_peak", "robust_factor", "worst_case_damping", "acceleration_mask", "gap_used", "stroke_used",
+        "contact_probability", "force_used",
+    ]  # fmt: skip
     at_least: Ratio | None = Field(None, description=_AT_LEAST)
     at_most: Ratio | None = Field(None, description=_AT_MOST)
 
@@ -134,8 +162,51 @@ class LengthRequirement(_RequirementBase):
         return "m"
 
 
+class AccelerationRequirement(_RequirementBase):
+    """Ride comfort: frequency-weighted r.m.s. acceleration of the worst passenger, or of one."""
+
+    quantity: Literal["weighted_acceleration"]
+    passenger: Name | None = Field(None, description="one passenger; left out: the worst")
+    at_least: Acceleration | None = Field(None, description=_AT_LEAST)
+    at_most: Acceleration | None = Field(None, description=_AT_MOST)
+
+    @property
+    def unit(self) -> str:
+        """Unit of `limit`."""
+        return "m/s^2"
+
+
+class PowerRequirement(_RequirementBase):
+    """Power that all actuators together draw without recuperation."""
+
+    quantity: Literal["supplied_power"]
+    at_least: Power | None = Field(None, description=_AT_LEAST)
+    at_most: Power | None = Field(None, description=_AT_MOST)
+
+    @property
+    def unit(self) -> str:
+        """Unit of `limit`."""
+        return "W"
+
+
+class ForceRateRequirement(_RequirementBase):
+    """Rate of the largest actuator force, r.m.s."""
+
+    quantity: Literal["force_rate"]
+    at_least: ForceRate | None = Field(None, description=_AT_LEAST)
+    at_most: ForceRate | None = Field(None, description=_AT_MOST)
+
+    @property
+    def unit(self) -> str:
+        """Unit of `limit`."""
+        return "N/s"
+
+
 RequirementRecord = Annotated[
     RateRequirement
+    | AccelerationRequirement
+    | PowerRequirement
+    | ForceRateRequirement
     | RatioRequirement
     | GainRequirement
     | AngleRequirement

@@ -14,7 +14,10 @@ from maglev_ctrl.scenario.force_table import ForceSamples
 from maglev_ctrl.scenario.option_schema import OptionRecord
 from maglev_ctrl.scenario.periodic_schema import SourceRecord
 from maglev_ctrl.scenario.records import Many, Record
+from maglev_ctrl.scenario.requirement_packs import Pack, pack_requirements
 from maglev_ctrl.scenario.requirement_schema import RequirementRecord
+from maglev_ctrl.scenario.track_schema import Irregularity, Ride
+from maglev_ctrl.scenario.tuning_schema import Simulation, Tuning, Uncertainty
 from maglev_ctrl.scenario.units import (
     Length,
     NonnegativeLength,
@@ -151,6 +154,10 @@ class Origin:
 class Scenario(Record):
     """A study: a vehicle, its forces, where it runs, the suspension options to compare and what they must reach."""
 
+    later_keys: ClassVar[frozenset[str]] = frozenset(
+        {"packs", "irregularity", "ride", "uncertainty", "tuning", "simulation"}
+    )
+
     format: Literal[1] = Field(description="version of this format")
     title: str = Field(min_length=1, max_length=200, description="one line for the report's title")
     description: str = Field("", max_length=20_000, description="what the study is about")
@@ -162,6 +169,12 @@ class Scenario(Record):
     periodic: Periodic | None = Field(None, description="left out: no resonance map")
     options: Many[OptionRecord] = Field(alias="option", min_length=1, max_length=40, description="options to compare")
     requirements: Many[RequirementRecord] = Field((), alias="requirement", description="what they must reach")
+    packs: Many[Pack] = Field((), description="sets of requirements from practice, beside those of the file")
+    irregularity: Irregularity | None = Field(None, description="left out: no ride, no gaps, no actuator power")
+    ride: Ride = Field(default_factory=Ride, description="who rides, how far gaps and strokes may close")
+    uncertainty: Uncertainty | None = Field(None, description="left out: no worst case over uncertain parameters")
+    tuning: Tuning | None = Field(None, description="left out: options are compared as they are written")
+    simulation: Simulation | None = Field(None, description="left out: no check on the nonlinear vehicle in the report")
 
     _origin: Origin | None = PrivateAttr(default=None)
     _solved_force: AbstractForceModel | None = PrivateAttr(default=None)
@@ -202,6 +215,14 @@ class Scenario(Record):
     def force_samples(self) -> ForceSamples | None:
         """Samples of a force table, SI; None for other force models."""
         return self.origin.force_samples
+
+    @property
+    def judged(self) -> tuple[RequirementRecord, ...]:
+        """Every requirement: those of the file, then those of its packs that the file does not name itself."""
+        swept = self.operating.sweep.speed is not None
+        named = {one.name for one in self.requirements}
+        packed = (one for pack in self.packs for one in pack_requirements(pack, swept=swept))
+        return (*self.requirements, *(one for one in packed if one.name not in named))
 
     @property
     def solved_force(self) -> AbstractForceModel | None:

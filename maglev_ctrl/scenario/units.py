@@ -384,10 +384,19 @@ _RESISTANCE = Unit("a resistance", "ohm", "4 ohm", "nonnegative")
 _INDUCTANCE = Unit("an inductance", "H", "50 mH", "nonnegative")
 _FLUX_DENSITY = Unit("a flux density", "T", "1.2 T", "positive")
 _CURRENT_NOISE = Unit("a current noise density", "A/Hz^0.5", "10 mA/Hz^0.5", "positive")
+_ROUGHNESS = Unit("a roughness amplitude", "m", "1.5e-6 m", "positive")
+_WAVE_NUMBER = Unit("a wave number", "rad/m", "0.02 rad/m", "positive")
+_LINE_MASS = Unit("a mass per length", "kg/m", "3 t/m", "positive")
+_BENDING_STIFFNESS = Unit("a bending stiffness", "N*m^2", "4e10 N*m^2", "positive")
+_ACCELERATION_DENSITY = Unit("an acceleration density", "m^2/s^4/Hz", "0.01 m^2/s^4/Hz", "positive")
+_POWER = Unit("a power", "W", "5 kW", "nonnegative")
+_FORCE_RATE = Unit("a force rate", "N/s", "100 kN/s", "positive")
+_POSITIVE_TIME = Unit("a time", "s", "2 ms", "positive")
 KINDS = (
     LENGTH, _MASS, _INERTIA, _TIME, _SPEED, _FORCE, _STIFFNESS, _DAMPING, _CONDUCTIVITY, _CURRENT, _BANDWIDTH,
     _ACCELERATION, _LENGTH_NOISE, _SPEED_NOISE, _ACCELERATION_NOISE, _ANGULAR_ACCELERATION,
-    _AREA, _VOLTAGE, _RESISTANCE, _INDUCTANCE, _FLUX_DENSITY, _CURRENT_NOISE,
+    _AREA, _VOLTAGE, _RESISTANCE, _INDUCTANCE, _FLUX_DENSITY, _CURRENT_NOISE, _WAVE_NUMBER, _LINE_MASS,
+    _BENDING_STIFFNESS, _ACCELERATION_DENSITY, _POWER, _FORCE_RATE,
 )  # fmt: skip
 
 Length = Annotated[float, LENGTH]
@@ -418,6 +427,14 @@ Resistance = Annotated[float, _RESISTANCE]
 Inductance = Annotated[float, _INDUCTANCE]
 FluxDensity = Annotated[float, _FLUX_DENSITY]
 CurrentNoise = Annotated[float, _CURRENT_NOISE]
+RoughnessAmplitude = Annotated[float, _ROUGHNESS]
+WaveNumber = Annotated[float, _WAVE_NUMBER]
+LineMass = Annotated[float, _LINE_MASS]
+BendingStiffness = Annotated[float, _BENDING_STIFFNESS]
+AccelerationDensity = Annotated[float, _ACCELERATION_DENSITY]
+Power = Annotated[float, _POWER]
+ForceRate = Annotated[float, _FORCE_RATE]
+PositiveTime = Annotated[float, _POSITIVE_TIME]
 AnyQuantity = Annotated[Quantity, _AnyUnit()]
 NonnegativeQuantity = Annotated[Quantity, _AnyUnit("nonnegative")]
 Ratio = Annotated[float, _Plain()]

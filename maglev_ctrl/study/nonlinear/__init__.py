@@ -1,0 +1,1 @@
+"""The linear verdicts of an option held against its nonlinear vehicle."""

@@ -1,0 +1,1 @@
+"""Every option tuned by the same method against the same requirements, ranked, and the ranking's own sensitivity."""
