@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from maglev_ctrl.analysis.boundary import Boundaries
 from maglev_ctrl.analysis.floquet import Floquet
@@ -14,10 +14,16 @@ from maglev_ctrl.analysis.resonance_map import ResonanceMap
 from maglev_ctrl.analysis.tracking import ModeTracks
 from maglev_ctrl.arrays import ComplexArray, FloatArray
 from maglev_ctrl.errors import Verdict
+from maglev_ctrl.study.nonlinear.records import NonlinearStudy
+from maglev_ctrl.study.ride_records import RideStudy
+from maglev_ctrl.study.tuning.records import TuningStudy
 from maglev_ctrl.synthesis.design import Design
 from maglev_ctrl.systems import SecondOrderSystem
 from maglev_ctrl.vehicle.operating import Equilibrium
 from maglev_ctrl.vehicle.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from maglev_ctrl.analysis.robustness.worst_case import WorstCase
 
 SweepName = Literal["speed", "payload", "height", "gap", "lateral_offset"]
 
@@ -39,6 +45,7 @@ class RequirementResult:
     method: str  # how it was computed and what confirmed it
     reason: str  # why it failed or could not be evaluated; for a bound that passes, what it is a bound of; else ""
     bound: Literal["exact", "lower", "upper"]  # "lower": the true value is at least `value`, e.g. where a sweep ended
+    hard: bool = True  # False: a wish, whose missing is told but fails nothing
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -118,11 +125,17 @@ class OptionStudy:
     requirements: tuple[RequirementResult, ...]
     notes: tuple[str, ...]
     seconds: float
+    ride: RideStudy | None = None
+    ride_reason: str = ""
+    robustness: WorstCase | None = None
+    robustness_reason: str = ""
+    nonlinear: NonlinearStudy | None = None
+    nonlinear_reason: str = ""
 
     @property
     def verdict(self) -> Verdict:
-        """PASS only when every requirement passes; FAIL as soon as one fails; NOT EVALUATED otherwise."""
-        verdicts = [r.verdict for r in self.requirements]
+        """PASS only when every hard requirement passes; FAIL as soon as one fails; NOT EVALUATED otherwise."""
+        verdicts = [r.verdict for r in self.requirements if r.hard]
         if self.failure or Verdict.FAIL in verdicts:
             return Verdict.FAIL if Verdict.FAIL in verdicts else Verdict.NOT_EVALUATED
         if not verdicts or Verdict.NOT_EVALUATED in verdicts:
@@ -148,6 +161,7 @@ class Comparison:
     versions: tuple[tuple[str, str], ...]
     created: str  # ISO 8601, UTC
     seconds: float
+    tuning: TuningStudy | None = None
 
     @property
     def verdict(self) -> Verdict:
