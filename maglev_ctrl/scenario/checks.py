@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from maglev_ctrl.scenario.checks_comparison import comparison_faults
 from maglev_ctrl.scenario.checks_options import NEGATIVE_DAMPING, option_faults
 from maglev_ctrl.scenario.checks_points import point_faults
 from maglev_ctrl.scenario.eddy_current import eddy_current_faults
@@ -40,6 +41,7 @@ def faults_in(scenario: Scenario) -> list[Fault]:
         *_map_faults(scenario),
         *periodic_faults(scenario, here),
         *_requirement_faults(scenario),
+        *comparison_faults(scenario),
         *doubled(("option",), [option.name for option in scenario.options], noun="option"),
     ]
     commands = command_dimensions(scenario)
