@@ -14,10 +14,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Line and column, counted from 1, of a key and of its value."""
+    """Line and column, counted from 1, of a key and of its value; `span`: bytes of the value in the text."""
 
     key: tuple[int, int]
     value: tuple[int, int]
+    span: tuple[int, int] = (0, 0)
 
 
 def place_faults(text: str, faults: list[Fault]) -> list[Problem]:
@@ -89,7 +90,7 @@ class _Walk:
             prefix = (*prefix, part)
             self.places.setdefault(prefix, self._place(key))
         path = (*prefix, last)
-        self.places[path] = Place(self._position(key), self._position(value))
+        self.places[path] = Place(self._position(key), self._position(value), (value.start_byte, value.end_byte))
         self._inside(value, path)
 
     def _inside(self, value: Node, path: KeyPath) -> None:
@@ -113,7 +114,7 @@ class _Walk:
         return [next(iter(tomllib.loads(f"{text} = 0")))]
 
     def _place(self, node: Node) -> Place:
-        return Place(self._position(node), self._position(node))
+        return Place(self._position(node), self._position(node), (node.start_byte, node.end_byte))
 
     def _position(self, node: Node) -> tuple[int, int]:
         row, column = node.start_point

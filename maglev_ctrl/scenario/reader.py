@@ -80,6 +80,22 @@ def with_values(scenario: Scenario, values: Mapping[KeyPath, object]) -> Scenari
     return made if scenario.solved_force is None else with_solved_force(made, scenario.solved_force)
 
 
+def from_text(text: str, like: Scenario) -> Scenario:
+    """The scenario a text would give in the place of another one's file, whose data file and solved forces it keeps.
+
+    Raises
+    ------
+    ModelError : the text is no valid scenario, in one sentence with the key
+    """
+    origin = like.origin
+    try:
+        made = _checked(_parse(text, shown=str(origin.path)), origin.path, text, shown=str(origin.path), read=origin)
+    except ScenarioProblems as error:
+        first = error.problems[0]
+        raise ModelError(f"{first.key}: {first.message}" if first.key else first.message) from None
+    return made if like.solved_force is None else with_solved_force(made, like.solved_force)
+
+
 @lru_cache(maxsize=4)
 def _parsed(text: str) -> dict[str, Any]:
     return tomllib.loads(text)
