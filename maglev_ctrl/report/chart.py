@@ -141,13 +141,14 @@ Item = Line | Marks | Bars | Area | Span | Rule | Heat | Cells | Note
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Axis:
-    """One axis: label with unit, limits (None = from the data), named ticks."""
+    """One axis: label with unit, limits (None = from the data), named ticks; logarithmic where `log` says so."""
 
     label: str
     limits: tuple[float, float] | None = None
     ticks: tuple[float, ...] | None = None
     tick_labels: tuple[str, ...] | None = None
     hidden: bool = False
+    log: bool = False
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -16,6 +16,7 @@ from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.report.chart import Area, Axis, Bars, Cells, Chart, Heat, Item, Line, Marks, Note, Panel, Rule, Span
 from maglev_ctrl.report.legend import DASHES, SYMBOLS, legend_columns, legend_entries
 from maglev_ctrl.report.raster import outer_edges, rectangles
+from maglev_ctrl.report.scales import data_limits, even_ticks, log_ticks, share
 from maglev_ctrl.report.style import FONT_SIZE, GRID, INK, ON_MAP, PAPER, RAMPS, RC, WIDTH, tick_text
 
 if TYPE_CHECKING:
@@ -37,12 +38,13 @@ class _Frame:
     height: float
     x: tuple[float, float]
     y: tuple[float, float]
+    log: tuple[bool, bool] = (False, False)
 
     def to_x(self, values: Any) -> Any:
-        return self.left + (np.asarray(values, dtype=float) - self.x[0]) / (self.x[1] - self.x[0]) * self.width
+        return self.left + share(values, self.x, log=self.log[0]) * self.width
 
     def to_y(self, values: Any) -> Any:
-        return self.bottom + (np.asarray(values, dtype=float) - self.y[0]) / (self.y[1] - self.y[0]) * self.height
+        return self.bottom + share(values, self.y, log=self.log[1]) * self.height
 
 
 def draw(chart: Chart) -> Figure:
@@ -103,12 +105,12 @@ def _layout(chart: Chart) -> tuple[list[_Frame], float, float]:
         row, column = divmod(place, chart.columns)
         y = height - top - sum(chart.heights[: row + 1]) - row * y_gap
         size = chart.heights[row]
-        x_limits = shared or panel.x.limits or _data_limits(panel, "x")
-        y_limits = panel.y.limits or _data_limits(panel, "y")
-        used = width
+        x_limits = shared or panel.x.limits or data_limits(panel, "x")
+        y_limits = panel.y.limits or data_limits(panel, "y")
+        used, logs = width, (panel.x.log, panel.y.log)
         if panel.equal:
             used = min(width, size * (x_limits[1] - x_limits[0]) / (y_limits[1] - y_limits[0]))
-        frames.append(_Frame(left + column * (width + x_gap), y, used, size, x_limits, y_limits))
+        frames.append(_Frame(left + column * (width + x_gap), y, used, size, x_limits, y_limits, logs))
     return frames, height, height - top + 0.06
 
 
@@ -126,28 +128,8 @@ def _left_margin(chart: Chart) -> float:
 
 
 def _shared_x(chart: Chart) -> tuple[float, float]:
-    limits = [panel.x.limits or _data_limits(panel, "x") for panel in chart.panels]
+    limits = [panel.x.limits or data_limits(panel, "x") for panel in chart.panels]
     return min(low for low, _ in limits), max(high for _, high in limits)
-
-
-def _data_limits(panel: Panel, which: str) -> tuple[float, float]:
-    """Range of the data with a little room; (0, 1) without data."""
-    values: list[FloatArray] = []
-    for item in panel.items:
-        if isinstance(item, (Line, Marks, Area, Heat)):
-            values.append(np.asarray(getattr(item, which), dtype=float).ravel())
-        elif isinstance(item, Bars):
-            ends = (item.start, item.start + item.length) if which == "x" else (item.position,)
-            values.extend(np.asarray(end, dtype=float) for end in ends)
-        elif isinstance(item, Rule) and item.axis == which:
-            values.append(np.array([item.value]))
-    known = np.concatenate(values) if values else np.zeros(0)
-    known = known[np.isfinite(known)]
-    if not known.size:
-        return 0.0, 1.0
-    low, high = float(np.min(known)), float(np.max(known))
-    room = 0.05 * (high - low) or 0.05 * abs(high) or 1.0
-    return low - room, high + room
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -177,8 +159,6 @@ class _Canvas:
 
     def _ticks(self, axis: Axis, which: str) -> tuple[FloatArray, list[str]]:
         """Positions inside the limits and their texts."""
-        from matplotlib.ticker import MaxNLocator
-
         low, high = self.frame.x if which == "x" else self.frame.y
         if axis.hidden:
             return np.zeros(0), []
@@ -187,10 +167,7 @@ class _Canvas:
             return np.array(axis.ticks, dtype=float), list(texts)
         size = self.frame.width if which == "x" else self.frame.height
         count = int(np.clip(size / (0.55 if which == "x" else 0.30), 3, 8))
-        places = np.asarray(MaxNLocator(nbins=count, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high), dtype=float)
-        inside = places[(places >= low - 1e-9 * (high - low)) & (places <= high + 1e-9 * (high - low))]
-        step = float(places[1] - places[0]) if len(places) > 1 else 1.0
-        return inside, [tick_text(float(place), step) for place in inside]
+        return even_ticks(low, high, count=count) if not axis.log else log_ticks(low, high, count=count)
 
     def _grid(self, panel: Panel, x: FloatArray, y: FloatArray) -> None:
         f = self.frame

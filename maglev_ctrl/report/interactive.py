@@ -95,9 +95,16 @@ def _axis(axis: Axis, domain: tuple[float, float], anchor: str, *, title: bool) 
         spec |= {"tickmode": "array", "tickvals": list(axis.ticks)}
         if axis.tick_labels is not None:
             spec["ticktext"] = [_plain(label) for label in axis.tick_labels]
+    if axis.log:
+        spec["type"] = "log"
     if axis.limits is not None:
-        spec["range"] = [float(axis.limits[0]), float(axis.limits[1])]
+        spec["range"] = [_along(float(limit), axis) for limit in axis.limits]
     return spec
+
+
+def _along(value: float, axis: Axis) -> float:
+    """A value as ranges and annotations of plotly want it: its decimal logarithm on a logarithmic axis."""
+    return math.log10(value) if axis.log else value
 
 
 def _add(
@@ -147,7 +154,7 @@ def _add(
         case Span():
             _add_span(layout, item, suffix)
         case Rule():
-            _add_rule(layout, item, suffix)
+            _add_rule(layout, item, panel, suffix)
         case Heat():
             data.append({
                 "type": "heatmap", "x": _values(item.x), "y": _values(item.y),
@@ -168,7 +175,8 @@ def _add(
             })  # fmt: skip
         case Note():
             layout["annotations"].append({
-                "x": item.x, "y": item.y, "text": _plain(item.text), "xref": "x" + suffix, "yref": "y" + suffix,
+                "x": _along(item.x, panel.x), "y": _along(item.y, panel.y), "text": _plain(item.text),
+                "xref": "x" + suffix, "yref": "y" + suffix,
                 "xanchor": _ANCHORS[item.horizontal], "yanchor": _VERTICAL[item.vertical], "showarrow": False,
                 "font": {"size": 11, "color": item.colour},
                 "bgcolor": "paper-colour" if item.boxed else "rgba(0,0,0,0)",
@@ -207,7 +215,7 @@ def _add_span(layout: dict[str, Any], item: Span, suffix: str) -> None:
     })  # fmt: skip
 
 
-def _add_rule(layout: dict[str, Any], item: Rule, suffix: str) -> None:
+def _add_rule(layout: dict[str, Any], item: Rule, panel: Panel, suffix: str) -> None:
     upright = {"x0": item.value, "x1": item.value, "xref": "x" + suffix, "y0": 0, "y1": 1, "yref": f"y{suffix} domain"}
     level = {"y0": item.value, "y1": item.value, "yref": "y" + suffix, "x0": 0, "x1": 1, "xref": f"x{suffix} domain"}
     layout["shapes"].append({
@@ -215,8 +223,8 @@ def _add_rule(layout: dict[str, Any], item: Rule, suffix: str) -> None:
         **(upright if item.axis == "x" else level),
     })  # fmt: skip
     if item.label:
-        place = {"x": item.value, "y": 1, "xref": "x" + suffix, "yref": f"y{suffix} domain"}
-        flat = {"x": 1, "y": item.value, "xref": f"x{suffix} domain", "yref": "y" + suffix}
+        place = {"x": _along(item.value, panel.x), "y": 1, "xref": "x" + suffix, "yref": f"y{suffix} domain"}
+        flat = {"x": 1, "y": _along(item.value, panel.y), "xref": f"x{suffix} domain", "yref": "y" + suffix}
         layout["annotations"].append({
             "text": _plain(item.label), "showarrow": False, "font": {"size": 10, "color": item.colour},
             "xanchor": "left" if item.axis == "x" else "right", "yanchor": "top" if item.axis == "x" else "bottom",
