@@ -1,0 +1,141 @@
+"""Where the points of a vehicle are, how they move, and what forces at them push: batched over runs.
+
+A vehicle with its geometric stiffness on turns by finite rotations about its equilibrium, as `vehicle.kinematics.stance`
+does for one posture; without it (or without rotations) its levers stay those of the equilibrium.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from maglev_ctrl.arrays import FloatArray, read_only_any
+from maglev_ctrl.vehicle import Vehicle
+from maglev_ctrl.vehicle.kinematics import stance
+from maglev_ctrl.vehicle.structure import structure
+
+_CROSS = np.array(
+    [[[0, 0, 0], [0, 0, -1], [0, 1, 0]], [[0, 0, 1], [0, 0, 0], [-1, 0, 0]], [[0, -1, 0], [1, 0, 0], [0, 0, 0]]],
+    dtype=np.float64,
+)
+"""phi_k _CROSS[k] is the matrix of phi x ...; (3, 3, 3)."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Frame:
+    """The points of a vehicle about one posture: m magnets, then p pushes, then own and far ends of l links.
+
+    `carried` and `turned` (n, 3 k): translation and rotation of each point's body over the coordinates; `lever` (3, k)
+    m in the posture; `rotated` (9 b, 3 k): what the bodies' rotation matrices make of the levers; `turns` (n, 3 b).
+    `shift` (3, k) of the posture itself. `ahead`, `sway_rows` (m), (n, m): the lateral motion of magnets in the
+    paper's kinematics, which ignores roll; None where it is the points' own.
+    """
+
+    carried: FloatArray
+    turned: FloatArray
+    lever: FloatArray
+    rotated: FloatArray
+    turns: FloatArray
+    shift: FloatArray
+    turning: bool
+    magnets: int
+    pushes: int
+    links: int
+    sway_rows: FloatArray | None
+    sway_shift: FloatArray
+    direction: FloatArray
+    apart: FloatArray
+    angular: FloatArray
+    angular_rows: FloatArray
+
+    @classmethod
+    def of(cls, vehicle: Vehicle, displacement: FloatArray) -> Frame:
+        """The frame about a posture, (n,)."""
+        known, here = structure(vehicle), stance(vehicle, displacement)
+        links = len(known.links)
+        chosen = np.concatenate(
+            [
+                np.arange(len(here.lever))[known.magnets],
+                np.arange(len(here.lever))[known.pushes],
+                np.arange(len(here.lever))[known.own_ends][:links],
+                np.arange(len(here.lever))[known.far_ends][:links],
+            ]
+        )
+        n, k, b = len(known.dofs), len(chosen), len(vehicle.bodies)
+        pointwise = known.pointwise[chosen]  # (k, 6, n)
+        lever = here.lever[chosen].T
+        rotated = np.zeros((b, 3, 3, 3, k))  # body, row, column of its rotation, axis of the point, point
+        for point, body in enumerate(known.point_body[chosen]):
+            for axis in range(3):
+                rotated[body, axis, :, axis, point] = lever[:, point]
+        turns = np.moveaxis(known.spread[:, 3:], -1, 0)
+        paper = vehicle.kinematics == "paper"
+        m = len(known.count)
+        return cls(
+            carried=read_only_any(pointwise[:, :3].transpose(2, 1, 0).reshape(n, 3 * k)),
+            turned=read_only_any(pointwise[:, 3:].transpose(2, 1, 0).reshape(n, 3 * k)),
+            lever=read_only_any(lever),
+            rotated=read_only_any(rotated.reshape(9 * b, 3 * k)),
+            turns=read_only_any(turns.reshape(n, 3 * b)),
+            shift=read_only_any(here.shift[chosen].T),
+            turning=bool(vehicle.geometric_stiffness and np.any(turns)),
+            magnets=m,
+            pushes=len(known.drag_factor),
+            links=links,
+            sway_rows=read_only_any(here.magnet_motion[:, 1].T) if paper else None,
+            sway_shift=read_only_any(here.magnet_shift[:, 1]),
+            direction=read_only_any(known.direction[:links].T * ~known.angular[:links]),
+            apart=read_only_any(known.apart[:links]),
+            angular=read_only_any(known.angular[:links].astype(np.float64)),
+            angular_rows=read_only_any((here.stroke[:links] * known.angular[:links, None]).T),
+        )
+
+    def levers(self, q: FloatArray) -> FloatArray:
+        """Levers (3, k) or (r, 3, k) at increments (r, n)."""
+        if not self.turning:
+            return self.lever
+        b = self.turns.shape[1] // 3
+        vector = (q @ self.turns).reshape(-1, b, 3)
+        angle = np.sqrt(np.einsum("rbi,rbi->rb", vector, vector))
+        cross = (vector @ _CROSS.reshape(3, 9)).reshape(-1, b, 3, 3)
+        first = np.sinc(angle / np.pi)[..., None, None]
+        second = (0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2)[..., None, None]
+        rotation = first * cross + second * (cross @ cross)
+        return self.lever + (rotation.reshape(len(q), 9 * b) @ self.rotated).reshape(len(q), 3, -1)
+
+    def shifts(self, q: FloatArray, lever: FloatArray) -> FloatArray:
+        """Displacement of the points from the level posture, (r, 3, k)."""
+        moved = (q @ self.carried).reshape(len(q), 3, -1)
+        if self.turning:
+            return np.asarray(self.shift + moved + (lever - self.lever))
+        return np.asarray(self.shift + moved + _crossed((q @ self.turned).reshape(len(q), 3, -1), self.lever))
+
+    def velocities(self, v: FloatArray, lever: FloatArray) -> FloatArray:
+        """Velocities of the points, (r, 3, k)."""
+        moved = (v @ self.carried).reshape(len(v), 3, -1)
+        return np.asarray(moved + _crossed((v @ self.turned).reshape(len(v), 3, -1), lever))
+
+    def gathered(self, force: FloatArray, lever: FloatArray) -> FloatArray:
+        """Generalised force (r, n) of forces (r, 3, k) at the points."""
+        r = len(force)
+        moment = _crossed(lever, force)
+        return np.asarray(force.reshape(r, -1) @ self.carried.T + moment.reshape(r, -1) @ self.turned.T)
+
+    def along(self, points: FloatArray) -> FloatArray:
+        """Components (r, l) along the links of their own ends' motion (r, 3, k) relative to their far ends'."""
+        own = self.magnets + self.pushes
+        ends = points[..., own : own + self.links] - self.apart * points[..., own + self.links :]
+        return np.asarray(np.sum(self.direction * ends, axis=-2))
+
+
+def _crossed(a: FloatArray, b: FloatArray) -> FloatArray:
+    """a x b over the axis before the last, (..., 3, k)."""
+    ax, ay, az = a[..., 0, :], a[..., 1, :], a[..., 2, :]
+    bx, by, bz = b[..., 0, :], b[..., 1, :], b[..., 2, :]
+    first = ay * bz - az * by
+    found = np.empty((*first.shape[:-1], 3, first.shape[-1]))
+    found[..., 0, :] = first
+    found[..., 1, :] = az * bx - ax * bz
+    found[..., 2, :] = ax * by - ay * bx
+    return found
