@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only
+from maglev_ctrl.guideway.spectra import Roughness
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -102,3 +103,28 @@ def track_inputs(names: Sequence[str], places: ArrayLike, *, speed: float) -> Tr
         cross_level=heave * place[:, 1],
         lateral=1.0 - heave,
     )
+
+
+def coherence(
+    vertical: Roughness, cross_level: Roughness, wavenumber: ArrayLike, *, left: float, right: float
+) -> FloatArray:
+    """Squared coherence (...) of the vertical displacements at two sides of the track, at wave numbers (...) rad/m.
+
+    With S_z and S_c independent the cross density is S_z + y_l y_r S_c: 1 on one side, and where the vertical part
+    vanishes; 0 where S_z = b^2 S_c at y = +-b.
+
+    Parameters
+    ----------
+    vertical : S_z, m^2/(rad/m)
+    cross_level : S_c, rad^2/(rad/m)
+    left, right : y of the two sides, m
+
+    Examples
+    --------
+    >>> from maglev_ctrl.guideway.spectra import inverse_square
+    >>> round(float(coherence(inverse_square(4e-6), inverse_square(1e-6), 1.0, left=1.0, right=-1.0)), 12)
+    0.36
+    """
+    first, second = vertical.density(wavenumber), cross_level.density(wavenumber)
+    shared = first + left * right * second
+    return np.asarray(shared**2 / ((first + left**2 * second) * (first + right**2 * second)))

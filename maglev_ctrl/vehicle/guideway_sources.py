@@ -13,6 +13,7 @@ from math import pi
 import numpy as np
 
 from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only, read_only_any
+from maglev_ctrl.guideway.features import aslant, half_sine
 
 Profile = Callable[[FloatArray], FloatArray]
 """Displacement (...) m at positions (...) m from the start of a period, 0 to one period."""
@@ -134,7 +135,7 @@ def girder_bow(name: str, *, span: float, rise: float, offset: float = 0.0) -> D
     require_length(span, f"{name}: span")
     _require_finite(rise, f"{name}: rise")
     return DisplacedGuideway(
-        name, span, breaks=np.array([0.0, span]), rise=partial(_half_sine, span=span, height=rise), offset=offset
+        name, span, breaks=np.array([0.0, span]), rise=partial(half_sine, span=span, height=rise), offset=offset
     )
 
 
@@ -214,7 +215,7 @@ def stepped_joints(name: str, *, spacing: float, step: float, offset: float = 0.
     _require_finite(step, f"{name}: step")
     return DisplacedGuideway(
         name, spacing, breaks=np.array([0.0, spacing]),
-        rise=partial(_polyline, at=np.array([0.0, spacing]), height=np.array([0.5 * step, -0.5 * step])),
+        rise=partial(aslant, spacing=spacing, step=step),
         offset=offset,
     )  # fmt: skip
 
@@ -311,10 +312,6 @@ def _ranges(source: DisplacedGuideway) -> tuple[tuple[float, float], tuple[float
     middle = 0.5 * (source.breaks[1:] + source.breaks[:-1])
     rise, narrowing = source.displaced(np.concatenate([inner, edges, middle]))
     return (float(np.min(rise)), float(np.max(rise))), (float(np.min(narrowing)), float(np.max(narrowing)))
-
-
-def _half_sine(position: FloatArray, *, span: float, height: float) -> FloatArray:
-    return np.asarray(height * np.sin(pi * position / span))
 
 
 def _polyline(position: FloatArray, *, at: FloatArray, height: FloatArray) -> FloatArray:
