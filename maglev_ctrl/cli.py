@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, NoReturn, cast
 import typer
 
 from maglev_ctrl.cli_design import design, export, verify
+from maglev_ctrl.cli_diff import diff
 from maglev_ctrl.cli_forces import forces
 from maglev_ctrl.cli_identify import identify
 from maglev_ctrl.cli_map import stability_map
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
     from maglev_ctrl.scenario import Scenario
     from maglev_ctrl.study import Comparison, OptionStudy, RequirementResult
+    from maglev_ctrl.study.tuning.records import TuningStudy
 
 _FORMATS = ("html", "pdf", "json")
 _STYLES = {"PASS": "green", "FAIL": "red", "NOT EVALUATED": "yellow"}
@@ -63,19 +65,31 @@ def report(
 
 
 @app.command()
-def compare(scenario: ScenarioFile, out: OutFolder = None, jobs: Jobs = 2) -> None:
-    """Run the whole study and print its options side by side; writes report.html and report.json, no PDF.
+def compare(
+    scenario: ScenarioFile,
+    out: OutFolder = None,
+    jobs: Jobs = 2,
+    formats: Annotated[str, typer.Option("--format", "-f", help="Any of html, pdf, json, by commas.")] = "html,json",
+    as_written: Annotated[
+        bool, typer.Option("--as-written", help="Leave the options as they are written; nothing is tuned.")
+    ] = False,
+) -> None:
+    """Tune the options where the scenario says how, run the whole study on them, rank them, show them side by side.
 
-    An earlier report in the folder is replaced as a whole, its PDF included: it would contradict the new one.
+    Writes report.html, report.json and, where something was tuned, tuned.toml: the scenario with the values chosen. An
+    earlier report in the folder is replaced as a whole, its PDF included: it would contradict the new one.
     """
     from maglev_ctrl.scenario import load
 
-    _study_and_write(load(scenario), out, jobs=jobs, formats=("html", "json"), values=True)
+    _study_and_write(
+        load(scenario), out, jobs=jobs, formats=_formats(formats), values=True, tuned=not as_written
+    )  # fmt: skip
 
 
 app.command()(design)
 app.command()(export)
 app.command()(verify)
+app.command()(diff)
 app.command()(forces)
 app.command()(identify)
 app.command(name="map")(stability_map)
@@ -98,7 +112,7 @@ def check(
             _complain(str(error))
             wrong += 1
         else:
-            options, requirements = len(scenario.options), len(scenario.requirements)
+            options, requirements = len(scenario.options), len(scenario.judged)
             typer.echo(f"{file}: valid; {options} option(s), {requirements} requirement(s)")
     if wrong:
         raise typer.Exit(BAD_INPUT)
@@ -227,6 +241,7 @@ def _study_and_write(
     jobs: int,
     formats: tuple[Literal["html", "pdf", "json"], ...],
     values: bool = False,
+    tuned: bool = False,
 ) -> NoReturn:
     """Study, write, print; exit status by verdict."""
     from maglev_ctrl.report.folder import require_writable
@@ -234,7 +249,7 @@ def _study_and_write(
     folder = out if out is not None else Path("out") / scenario.name
     require_writable(folder, results="report")
     try:
-        comparison = _run(scenario, jobs=jobs)
+        comparison = _run(scenario, jobs=jobs, tuned=tuned)
 
         from maglev_ctrl.report import write
 
@@ -245,6 +260,8 @@ def _study_and_write(
         screen = console()
         if values:
             _print_values(screen, comparison)
+        if comparison.tuning is not None:
+            _print_ranking(screen, comparison.tuning)
         _print_verdicts(screen, comparison)
         for path in paths:
             typer.echo(f"written: {path}")
@@ -253,12 +270,32 @@ def _study_and_write(
     raise typer.Exit(_exit_code(comparison))
 
 
-def _run(scenario: Scenario, *, jobs: int) -> Comparison:
+def _run(scenario: Scenario, *, jobs: int, tuned: bool) -> Comparison:
     """The study, with its progress on the terminal's error stream."""
     from maglev_ctrl import study
 
-    with progress(scenario.name) as tell:
-        return study.run(scenario, jobs=jobs, progress=tell)
+    with progress(scenario.name, time_left=tuned and scenario.tuning is not None) as tell:
+        if not tuned or scenario.tuning is None:
+            return study.run(scenario, jobs=jobs, progress=tell)
+        from maglev_ctrl.study.compare import compare as compare_options
+
+        return compare_options(scenario, jobs=jobs, progress=tell)
+
+
+def _print_ranking(screen: Console, tuning: TuningStudy) -> None:
+    """Who is first, and what was chosen for each."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(title="Ranking of the tuned options")
+    for heading in ("place", "option", "misses", "chosen values"):
+        table.add_column(heading, overflow="fold")
+    found = {option.option: option for option in tuning.options}
+    for ranked in tuning.ranking:
+        variables = found[ranked.option].variables
+        chosen = "; ".join(f"{one.name} {one.text}" + (" (at its bound)" if one.at_bound else "") for one in variables)
+        table.add_row(str(ranked.place), escape(ranked.label), escape(", ".join(ranked.misses)), escape(chosen))
+    screen.print(table)
 
 
 def _print_verdicts(screen: Console, comparison: Comparison) -> None:
@@ -283,7 +320,7 @@ def _why(option: OptionStudy) -> str:
         return option.failure
     if not option.requirements:
         return "the scenario sets no requirements"
-    missed = [result for result in option.requirements if result.verdict.value != "PASS"]
+    missed = [result for result in option.requirements if result.verdict.value != "PASS" and result.hard]
     names: dict[str, list[str]] = {}  # what is said of several requirements alike is said once
     for result in missed:
         names.setdefault(_shown(result), []).append(result.name)

@@ -17,6 +17,8 @@ from maglev_ctrl.study.records import Comparison
 
 Format = Literal["html", "pdf", "json"]
 FORMATS: tuple[Format, ...] = get_args(Format)
+TUNED = "tuned.toml"
+"""The scenario with the values that tuning chose, beside the report of a tuned comparison."""
 
 
 def write(
@@ -41,7 +43,9 @@ def write(
         raise ValueError(f"formats: expected distinct names out of {', '.join(FORMATS)}, got {tuple(formats)}")
     contents = _contents(comparison, formats)
     made = {f"report.{name}": contents[name] for name in formats}
-    return write_whole(made, Path(folder), replaced=[f"report.{name}" for name in FORMATS])
+    if comparison.tuning is not None:
+        made[TUNED] = comparison.scenario_text.encode()
+    return write_whole(made, Path(folder), replaced=[TUNED, *(f"report.{name}" for name in FORMATS)])
 
 
 def _contents(comparison: Comparison, formats: Sequence[Format]) -> dict[Format, bytes]:

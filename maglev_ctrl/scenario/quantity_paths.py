@@ -32,8 +32,12 @@ GAIN: Final = "gain"
 SPEED: Final = "speed"
 SITUATION: Final = (SPEED, "height", "gap", "lateral_offset", "payload")
 
-_IDLE = (("format",), ("sources",), ("requirement",), ("operating", "sweep"), ("periodic", "map"))
-"""Parts of a file that change no motion."""
+_IDLE = (
+    ("format",), ("sources",), ("requirement",), ("operating", "sweep"), ("periodic", "map"), ("irregularity",),
+    ("ride",), ("uncertainty",), ("tuning",), ("simulation",),
+)  # fmt: skip
+_IDLE_IN_OPTIONS = ("tune",)
+"""Parts of a file that change no motion a map shows."""
 _SEARCHES = ("time_limit", "starts", "seed")
 _SHOWN = ("sampling_period", "fastest_change")
 _OF_MPC = ("horizon", "limit", "start", "load", "duration")
@@ -255,7 +259,8 @@ def _inside(scenario: Scenario, record: Record, names: KeyPath = (), path: KeyPa
     for field, info in type(record).model_fields.items():
         key = info.alias or field
         here, place = (*names, key), (*path, key)
-        if any(place[: len(part)] == part for part in left_out) or get_origin(info.annotation) is Literal:
+        idle = any(place[: len(part)] == part for part in left_out) or place[2:] == _IDLE_IN_OPTIONS
+        if idle or get_origin(info.annotation) is Literal:
             continue
         value: Any = getattr(record, field)
         if isinstance(value, Record):

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 from maglev_ctrl.analysis.margins import Margins
 from maglev_ctrl.analysis.modes import Modes
+from maglev_ctrl.analysis.robustness.records import WorstCase
 from maglev_ctrl.study.records import FloquetStudy, Sweep
+from maglev_ctrl.study.ride_records import RideStudy
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -43,3 +45,7 @@ class Evidence:
     floquet: FloquetStudy | None
     floquet_reason: str
     design_values: Mapping[str, float]
+    ride: RideStudy | None = None
+    ride_reason: str = "the scenario describes no irregularity"
+    robustness: WorstCase | None = None
+    robustness_reason: str = "the scenario describes no uncertainty"

@@ -10,6 +10,7 @@ import numpy as np
 
 from maglev_ctrl.analysis.margins import Margins, loop_margins
 from maglev_ctrl.analysis.modes import modes
+from maglev_ctrl.analysis.robustness.records import WorstCase
 from maglev_ctrl.errors import MaglevError, ModelError, NotStable, OutOfDomain
 from maglev_ctrl.scenario import OptionRecord, Scenario, describe_option
 from maglev_ctrl.study.delays import settled_modes
@@ -19,6 +20,7 @@ from maglev_ctrl.study.loops import nyquist_curves, option_loops, root_locus
 from maglev_ctrl.study.periodic import floquet_study
 from maglev_ctrl.study.records import FloquetStudy, NyquistCurve, OptionStudy, RootLocus, Sweep
 from maglev_ctrl.study.requirements import judge, not_evaluated
+from maglev_ctrl.study.ride_records import RideStudy
 from maglev_ctrl.study.situation import OptionModel, Situation
 from maglev_ctrl.study.sweeps import place, sweep, sweep_values, varied, worst_places
 from maglev_ctrl.synthesis.design import Design
@@ -47,7 +49,7 @@ def study_option(scenario: Scenario, option: OptionRecord, *, step: Step = lambd
         done = _study(scenario, option, blank, step)
     except (MaglevError, ValueError, np.linalg.LinAlgError) as fault:
         reason = f"{fault}"
-        refused = tuple(not_evaluated(requirement, reason) for requirement in scenario.requirements)
+        refused = tuple(not_evaluated(requirement, reason) for requirement in scenario.judged)
         done = replace(blank, failure=reason, requirements=refused)
     return replace(done, seconds=time.perf_counter() - started)
 
@@ -70,6 +72,10 @@ def _study(scenario: Scenario, option: OptionRecord, blank: OptionStudy, step: S
     margin_points, locus, curves = _margins(model, controller, sweeps)
     step("resonance map")
     periodic, periodic_reason = _periodic(model, controller)
+    step("ride")
+    ride, ride_reason = _ride(model, controller)
+    step("worst cases")
+    robustness, robustness_reason = _robustness(model, controller)
     step("requirements")
     evidence = Evidence(
         design=SweepCheck("design point", settled, doubt),
@@ -80,6 +86,10 @@ def _study(scenario: Scenario, option: OptionRecord, blank: OptionStudy, step: S
         floquet=periodic,
         floquet_reason=periodic_reason,
         design_values=_design_values(model),
+        ride=ride,
+        ride_reason=ride_reason,
+        robustness=robustness,
+        robustness_reason=robustness_reason,
     )
     first = margin_points[0] if margin_points else None
     return replace(
@@ -96,8 +106,12 @@ def _study(scenario: Scenario, option: OptionRecord, blank: OptionStudy, step: S
         nyquist=curves,
         floquet=periodic,
         floquet_reason=periodic_reason,
-        requirements=tuple(judge(requirement, evidence) for requirement in scenario.requirements),
+        requirements=tuple(judge(requirement, evidence) for requirement in scenario.judged),
         notes=notes,
+        ride=ride,
+        ride_reason=ride_reason,
+        robustness=robustness,
+        robustness_reason=robustness_reason,
     )
 
 
@@ -164,6 +178,28 @@ def _periodic(model: OptionModel, controller: Controller | None) -> tuple[Floque
         return None, "the scenario describes no periodic forcing"
     try:
         return floquet_study(model, controller), ""
+    except (MaglevError, ValueError, np.linalg.LinAlgError) as fault:
+        return None, f"{fault}"
+
+
+def _ride(model: OptionModel, controller: Controller | None) -> tuple[RideStudy | None, str]:
+    if model.scenario.irregularity is None:
+        return None, "the scenario describes no irregularity of the guideway"
+    from maglev_ctrl.study.ride import ride_study
+
+    try:
+        return ride_study(model, controller), ""
+    except (MaglevError, ValueError, ArithmeticError, np.linalg.LinAlgError) as fault:
+        return None, f"{fault}"
+
+
+def _robustness(model: OptionModel, controller: Controller | None) -> tuple[WorstCase | None, str]:
+    if model.scenario.uncertainty is None:
+        return None, "the scenario describes no uncertainty"
+    from maglev_ctrl.study.robustness import robustness_study
+
+    try:
+        return robustness_study(model, controller), ""
     except (MaglevError, ValueError, np.linalg.LinAlgError) as fault:
         return None, f"{fault}"
 

@@ -54,7 +54,7 @@ def floquet_study(model: OptionModel, controller: Controller | None) -> FloquetS
     worst = _worst(forcing, atlas, curve)
     design_speed = model.scenario.operating.speed
     go, no_go = speed_ranges(atlas, curve, modulation.depth)
-    asked = any(requirement.quantity in FLOQUET_MARGINS for requirement in model.scenario.requirements)
+    asked = any(requirement.quantity in FLOQUET_MARGINS for requirement in model.scenario.judged)
     margins, reason = option_margins(model, controller, periodic) if asked else (None, NOT_ASKED)
     return FloquetStudy(
         wavelength=modulation.wavelength,

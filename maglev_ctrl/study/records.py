@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from maglev_ctrl.analysis.boundary import Boundaries
 from maglev_ctrl.analysis.floquet import Floquet
@@ -11,6 +11,7 @@ from maglev_ctrl.analysis.floquet_margins import FloquetMargins
 from maglev_ctrl.analysis.margins import Margins
 from maglev_ctrl.analysis.modes import Modes
 from maglev_ctrl.analysis.resonance_map import ResonanceMap
+from maglev_ctrl.analysis.robustness.records import WorstCase
 from maglev_ctrl.analysis.tracking import ModeTracks
 from maglev_ctrl.arrays import ComplexArray, FloatArray
 from maglev_ctrl.errors import Verdict
@@ -21,9 +22,6 @@ from maglev_ctrl.synthesis.design import Design
 from maglev_ctrl.systems import SecondOrderSystem
 from maglev_ctrl.vehicle.operating import Equilibrium
 from maglev_ctrl.vehicle.vehicle import Vehicle
-
-if TYPE_CHECKING:
-    from maglev_ctrl.analysis.robustness.worst_case import WorstCase
 
 SweepName = Literal["speed", "payload", "height", "gap", "lateral_offset"]
 

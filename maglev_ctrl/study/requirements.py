@@ -12,10 +12,25 @@ from maglev_ctrl.analysis.margins import Margins
 from maglev_ctrl.analysis.modes import Modes, StabilityVerdict
 from maglev_ctrl.errors import Verdict
 from maglev_ctrl.scenario import RequirementRecord
+from maglev_ctrl.scenario.requirement_schema import RIDE_QUANTITIES, ROBUST_QUANTITIES, AccelerationRequirement
 from maglev_ctrl.study.evidence import Evidence, SweepCheck
 from maglev_ctrl.study.finding import Finding, missing
 from maglev_ctrl.study.records import RequirementResult, Sweep
 from maglev_ctrl.study.requirements_periodic import floquet_gain, floquet_speed, modulation
+from maglev_ctrl.study.requirements_ride import (
+    RIDE_OVER,
+    acceleration_mask,
+    contact_probability,
+    force_rate,
+    force_used,
+    gap_used,
+    robust_factor,
+    stroke_used,
+    supplied_power,
+    weighted_acceleration,
+    worst_damping,
+    worst_growth,
+)
 from maglev_ctrl.study.sweeps import least_damping, place
 
 ROUNDING = 1e-12
@@ -27,7 +42,7 @@ EIGENVALUES = "eigenvalues with error bounds, confirmed by Lyapunov inertia"
 
 def judge(requirement: RequirementRecord, evidence: Evidence) -> RequirementResult:
     """One requirement against one option's evidence."""
-    finding = FINDERS[requirement.quantity](evidence, requirement.over)
+    finding = _found(requirement, evidence)
     limit, sense = requirement.limit, requirement.sense
     unit, scale = SHOWN.get(requirement.quantity, ("", 1.0))
     verdict, reason = _decide(finding, limit, sense)
@@ -45,7 +60,14 @@ def judge(requirement: RequirementRecord, evidence: Evidence) -> RequirementResu
         method=finding.method,
         reason=reason,
         bound=finding.bound,
+        hard=requirement.hard,
     )
+
+
+def _found(requirement: RequirementRecord, evidence: Evidence) -> Finding:
+    if isinstance(requirement, AccelerationRequirement) and requirement.passenger is not None:
+        return weighted_acceleration(requirement.passenger)(evidence, requirement.over)
+    return FINDERS[requirement.quantity](evidence, requirement.over)
 
 
 def not_evaluated(requirement: RequirementRecord, reason: str) -> RequirementResult:
@@ -57,6 +79,7 @@ def not_evaluated(requirement: RequirementRecord, reason: str) -> RequirementRes
         limit=shown(requirement.limit * SHOWN.get(requirement.quantity, ("", 1.0))[1]),
         value=math.nan, unit=SHOWN.get(requirement.quantity, ("", 1.0))[0],
         verdict=Verdict.NOT_EVALUATED, margin_percent=math.nan, worst_at="", method="", reason=reason, bound="exact",
+        hard=requirement.hard,
     )  # fmt: skip
 
 
@@ -70,7 +93,14 @@ def _scope(requirement: RequirementRecord) -> str:
         return "from the design point"
     if requirement.quantity in ("modulation_ratio", "modulation_depth"):
         return "over the map's speeds"
-    if requirement.quantity in ("gain_margin", "phase_margin", "delay_margin", "disk_margin"):
+    if requirement.quantity in ROBUST_QUANTITIES:
+        return "over all uncertain parameters at the design point"
+    if requirement.quantity == "acceleration_mask":
+        return "at the design point"
+    if requirement.quantity in RIDE_QUANTITIES:
+        worst = requirement.over if requirement.over in RIDE_OVER else "nominal"
+        return "at the design point" if worst == "nominal" else f"worst of the design point and the {worst} sweep"
+    if requirement.quantity in ("gain_margin", "phase_margin", "delay_margin", "disk_margin", "sensitivity_peak"):
         return (
             "at the design point"
             if requirement.over == "nominal"
@@ -206,19 +236,23 @@ def _boundary_margin(parameter: str, *, relative: bool) -> Callable[[Evidence, s
     return find
 
 
-def _from_margins(read: Callable[[Margins], tuple[float, str]], what: str) -> Callable[[Evidence, str], Finding]:
+def _from_margins(
+    read: Callable[[Margins], tuple[float, str]], what: str, *, largest: bool = False
+) -> Callable[[Evidence, str], Finding]:
+    sign = -1.0 if largest else 1.0
+
     def find(evidence: Evidence, over: str) -> Finding:
         if not evidence.has_loops:
             return missing("the option adds no element and no loop: there is nothing to break")
         points = evidence.margin_points[:1] if over == "nominal" else evidence.margin_points
-        worst = Finding(math.inf)
+        worst = Finding(sign * math.inf)
         for point in points:
             if point.margins is None:
                 return missing(f"at {point.where}: {point.reason}")
             value, where = read(point.margins)
             if math.isnan(value):
                 return missing(f"at {point.where}: the {what} could not be verified ({where})")
-            if value < worst.value or not worst.where:
+            if sign * value < sign * worst.value or not worst.where:
                 worst = Finding(value, f"{point.where}, {where}", f"{what} re-verified by a pole on the axis", where)
         return worst
 
@@ -246,6 +280,13 @@ def _disk(margins: Margins) -> tuple[float, str]:
     return _smallest([*channels, (margins.multi_loop.alpha, "all loops at once")])
 
 
+def _sensitivity(margins: Margins) -> tuple[float, str]:
+    """Largest |S| of single loops, as ISO 14839-3 measures it: one over the smallest modulus margin."""
+    pairs = [(channel.modulus.value, channel.channel) for channel in margins.channels]
+    value, name = _smallest(pairs)
+    return (math.inf if value == 0.0 else 1.0 / value), name
+
+
 def _smallest(pairs: list[tuple[float, str]]) -> tuple[float, str]:
     for value, name in pairs:
         if math.isnan(value):
@@ -260,6 +301,18 @@ FINDERS: dict[str, Callable[[Evidence, str], Finding]] = {
     "phase_margin": _from_margins(_phase, "phase margin"),
     "delay_margin": _from_margins(_delay, "delay margin"),
     "disk_margin": _from_margins(_disk, "disk margin"),
+    "sensitivity_peak": _from_margins(_sensitivity, "sensitivity peak", largest=True),
+    "weighted_acceleration": weighted_acceleration(None),
+    "gap_used": gap_used,
+    "stroke_used": stroke_used,
+    "contact_probability": contact_probability,
+    "force_used": force_used,
+    "supplied_power": supplied_power,
+    "force_rate": force_rate,
+    "acceleration_mask": acceleration_mask,
+    "robust_factor": robust_factor,
+    "worst_case_growth": worst_growth,
+    "worst_case_damping": worst_damping,
     "modulation_ratio": modulation(ratio=True),
     "modulation_depth": modulation(ratio=False),
     "floquet_gain_margin": floquet_gain,
@@ -272,6 +325,10 @@ FINDERS: dict[str, Callable[[Evidence, str], Finding]] = {
 
 SHOWN: dict[str, tuple[str, float]] = {
     "growth_rate": ("1/s", 1.0),
+    "worst_case_growth": ("1/s", 1.0),
+    "weighted_acceleration": ("m/s^2", 1.0),
+    "supplied_power": ("kW", 1e-3),
+    "force_rate": ("kN/s", 1e-3),
     "gain_margin": ("dB", 1.0),
     "floquet_gain_margin": ("dB", 1.0),
     "phase_margin": ("deg", 180.0 / math.pi),
@@ -289,6 +346,18 @@ DESCRIPTIONS = {
     "phase_margin": "smallest phase margin",
     "delay_margin": "smallest delay margin",
     "disk_margin": "smallest disk margin, single and multi-loop",
+    "sensitivity_peak": "largest sensitivity of a single loop",
+    "weighted_acceleration": "frequency-weighted acceleration of the worst passenger",
+    "acceleration_mask": "largest ratio of an acceleration density to its mask",
+    "gap_used": "largest share of a gap's clearance used by 3 sigma and girder sag",
+    "stroke_used": "largest share of a stroke's clearance used by 3 sigma and girder sag",
+    "contact_probability": "largest probability of a contact in an hour",
+    "force_used": "largest 3 sigma of an actuator's force over its limit",
+    "supplied_power": "power drawn by all actuators, without recuperation",
+    "force_rate": "largest rate of an actuator's force, r.m.s.",
+    "robust_factor": "factor by which all spreads may grow",
+    "worst_case_growth": "largest growth rate found",
+    "worst_case_damping": "least damping ratio found",
     "modulation_ratio": "modulation depth survived over the expected depth",
     "modulation_depth": "modulation depth survived",
     "floquet_gain_margin": "smallest gain change (up or down) to instability under the expected modulation",

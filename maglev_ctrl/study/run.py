@@ -140,7 +140,7 @@ def _unstudied(scenario: Scenario, option: OptionRecord, reason: str) -> OptionS
         summary=describe_option(scenario, option), vehicle=OptionModel(scenario, option).vehicle(), failure=reason,
         equilibrium=None, system=None, open_system=None, modes=None, design=None, sweeps=(), locus=None, margins=None,
         margins_reason="", nyquist=(), floquet=None, floquet_reason="",
-        requirements=tuple(not_evaluated(requirement, reason) for requirement in scenario.requirements), notes=(),
+        requirements=tuple(not_evaluated(requirement, reason) for requirement in scenario.judged), notes=(),
         seconds=0.0,
     )  # fmt: skip
 

@@ -28,10 +28,10 @@ def scenario(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def comparison(verdict: Verdict) -> SimpleNamespace:
     result = SimpleNamespace(
         name="stable", quantity="growth_rate", sense="at_most", limit=0.0, value=-0.5, unit="1/s", verdict=verdict,
-        reason="",
+        reason="", hard=True,
     )  # fmt: skip
     option = SimpleNamespace(label="Bare [x]", kind="baseline", verdict=verdict, failure="", requirements=(result,))
-    return SimpleNamespace(title="Train", options=(option,), verdict=verdict)
+    return SimpleNamespace(title="Train", options=(option,), verdict=verdict, tuning=None)
 
 
 class Recorder:
@@ -80,7 +80,7 @@ def test_a_reason_shared_by_requirements_is_told_once() -> None:
     from maglev_ctrl.cli import _why
 
     def missed(name: str, reason: str) -> SimpleNamespace:
-        return SimpleNamespace(name=name, verdict=Verdict.NOT_EVALUATED, reason=reason)
+        return SimpleNamespace(name=name, verdict=Verdict.NOT_EVALUATED, reason=reason, hard=True)
 
     results = (missed("gain", "nothing to break"), missed("map", "no period"), missed("disk", "nothing to break"))
     option = SimpleNamespace(failure="", requirements=results)

@@ -14,7 +14,7 @@ from maglev_ctrl.study.requirements import DESCRIPTIONS, FINDERS, Finding, judge
 
 
 def wanted(quantity: str, sense: str, limit: float, over: str = "nominal") -> Any:
-    return SimpleNamespace(name="one", quantity=quantity, sense=sense, limit=limit, over=over, unit="")
+    return SimpleNamespace(name="one", quantity=quantity, sense=sense, limit=limit, over=over, unit="", hard=True)
 
 
 def judged(monkeypatch: pytest.MonkeyPatch, finding: Finding, requirement: Any) -> Any:
