@@ -81,7 +81,7 @@ def with_values(scenario: Scenario, values: Mapping[KeyPath, object]) -> Scenari
 
 
 def from_text(text: str, like: Scenario) -> Scenario:
-    """The scenario a text would give in the place of another one's file, whose data file and solved forces it keeps.
+    """The scenario a text would give in the place of another one's file; solved forces are kept.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def from_text(text: str, like: Scenario) -> Scenario:
     """
     origin = like.origin
     try:
-        made = _checked(_parse(text, shown=str(origin.path)), origin.path, text, shown=str(origin.path), read=origin)
+        made = _checked(_parse(text, shown=str(origin.path)), origin.path, text, shown=str(origin.path))
     except ScenarioProblems as error:
         first = error.problems[0]
         raise ModelError(f"{first.key}: {first.message}" if first.key else first.message) from None
