@@ -16,7 +16,7 @@ from maglev_ctrl.report.reading import number_of
 _DEEPEST: Final = 40  # records within records; nothing a report holds comes near
 _OF_THE_COMPUTATION: Final = (
     "seconds", "residual", "residuals", "error", "errors", "error_bound", "iterations", "difference", "perturbation",
-    "confidence",
+    "confidence", "unbalanced",
 )  # fmt: skip
 
 
