@@ -1,7 +1,7 @@
 """Where the points of a vehicle are, how they move, and what forces at them push: batched over runs.
 
-A vehicle with its geometric stiffness on turns by finite rotations about its equilibrium, as `vehicle.kinematics.stance`
-does for one posture; without it (or without rotations) its levers stay those of the equilibrium.
+A vehicle with its geometric stiffness on turns by finite rotations about its equilibrium, as `kinematics.stance` does
+for one posture; without it (or without rotations) its levers stay those of the equilibrium.
 """
 
 from __future__ import annotations

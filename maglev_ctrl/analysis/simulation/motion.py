@@ -223,7 +223,7 @@ class Equations:
         frame, links, m = self.frame, self.links, self.frame.magnets
         lever = frame.levers(q)
         moved, velocity = frame.shifts(q, lever), frame.velocities(v, lever)
-        places, left, rates = self._places(q, v, w, w_rate, moved, velocity)
+        places, rates = self._places(q, v, w, w_rate, moved, velocity)
         force = np.zeros((len(q), 3, moved.shape[-1]))
         own, far = m + frame.pushes, m + frame.pushes + frame.links
         Q = self.constant
@@ -277,8 +277,8 @@ class Equations:
 
     def _places(
         self, q: FloatArray, v: FloatArray, w: FloatArray, w_rate: FloatArray, moved: FloatArray, velocity: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Heights, gaps, speeds (r, 3, m); lateral velocity (r, m); velocities over the guideway as in `MagnetSet`."""
+    ) -> tuple[FloatArray, FloatArray]:
+        """Heights, gaps, speeds (r, 3, m); velocities over the guideway as in `MagnetSet`."""
         frame, magnets, m = self.frame, self.magnets, self.frame.magnets
         walled = self.sway_columns >= 0
         aside, left = moved[:, 1, :m], velocity[:, 1, :m]
@@ -293,7 +293,7 @@ class Equations:
         rates[:, 0] = left - beside_rate
         rates[:, 1] = velocity[:, 2, :m] - w_rate[:, self.heave_columns]
         rates[:, 2] = left
-        return places, left, rates
+        return places, rates
 
     def _rest(self) -> FloatArray:
         """Forces that `MagnetSet.static` gives at the equilibrium, (1, 3, m)."""

@@ -4,15 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
 from numpy.typing import ArrayLike
 
+from maglev_ctrl.analysis.simulation.events import Bounds
+from maglev_ctrl.analysis.simulation.ground import Ground
+from maglev_ctrl.analysis.simulation.integrate import Integration, Outcome, Problem
+from maglev_ctrl.analysis.simulation.loop import STEPS_PER_DELAY, Law, Schedule
+from maglev_ctrl.analysis.simulation.motion import Equations
 from maglev_ctrl.analysis.simulation.records import Limits, Track, Trajectory
+from maglev_ctrl.analysis.simulation.store import Store
+from maglev_ctrl.arrays import FloatArray, read_only, read_only_any
 from maglev_ctrl.guideway import Modulation
-from maglev_ctrl.systems import Controller
-from maglev_ctrl.vehicle import Equilibrium, Vehicle
+from maglev_ctrl.systems import Controller, SecondOrderSystem, close_loop
+from maglev_ctrl.vehicle import Equilibrium, Vehicle, linearize
 
 STEP_TOLERANCE = 1e-4
 """Largest `step_error` that is accepted before the step is halved again."""
+
+STEP_SHARE = 0.5
+"""First step tried, times the magnitude of the fastest pole."""
+
+MAXIMUM_HALVINGS = 5
+
+CHECKED_SHARE = 0.1
+CHECKED_LEAST = 1.0
+"""How much of the duration, and at least how many seconds, a run with half the step is compared over."""
+
+STILL = 1e-9
+"""Share of the reference height below which a coordinate counts as not moved, where steps are compared."""
 
 
 def simulate(
@@ -53,6 +73,132 @@ def simulate(
     Raises
     ------
     ValueError : a name that is unknown, a number out of range, sampling that does not fit the law's period
-    OutOfDomain : the start itself is outside a force model's data
+
+    Examples
+    --------
+    A weight on a spring, let go 10 mm from its equilibrium, after half a period:
+
+    >>> from maglev_ctrl.vehicle import Body, OperatingPoint, SpringDamper, equilibrium
+    >>> leg = SpringDamper("leg", "car", stiffness=4000.0)
+    >>> cart = Vehicle("cart", (Body("car", 10.0),), connections=(leg,), reference_height=0.1)
+    >>> rest = equilibrium(cart, OperatingPoint(0.0, 0.1))
+    >>> found = simulate(cart, rest, duration=np.pi / 20.0, start={"car.heave": 0.01}, sampling=np.pi / 200.0)
+    >>> round(float(found.of("car.heave")[0, -1]), 6), found.events
+    (-0.01, ())
     """
-    raise NotImplementedError
+    _check(duration=duration, sampling=sampling, step=step)
+    if runs < 1:
+        raise ValueError(f"runs: expected at least 1, got {runs}")
+    tracks = _tracks(track, runs)
+    system = linearize(vehicle, equilibrium, pade_order=0)
+    allowed = limits or Limits()
+    equations = Equations.of(vehicle, equilibrium, system, commands=dict(allowed.commands))
+    law = None
+    if controller is not None:
+        law = Law.of(vehicle, system, controller, computation=computation, noise=noise)
+    problem = Problem(
+        equations=equations,
+        law=law,
+        ground=Ground.of(vehicle, system.guideway, speed=equilibrium.at.speed, tracks=tracks),
+        modulation=modulation,
+        bounds=Bounds.of(vehicle, equations, allowed),
+        start=_starting(system, start or {}, runs),
+        seed=seed,
+    )
+    chosen = _first_step(system, law, controller, sampling) if step is None else step
+    commands = () if controller is None else controller.commands
+
+    def integrated(width: float, length: float, kept: Sequence[str] | None) -> tuple[Store, Outcome, Schedule]:
+        schedule = Schedule.of(law, sampling=sampling, step=width)
+        frames = max(int(np.ceil(length / schedule.frame - 1e-9)), 1)
+        frames = -(-frames // schedule.every) * schedule.every
+        samples = frames // schedule.every * int(np.sum(schedule.kept)) + 1
+        store = Store(vehicle, equations, runs=runs, samples=samples, signals=kept, commands=commands)
+        return store, Integration(problem, schedule).run(store, frames), schedule
+
+    responding = problem.ground.responds
+    checked = min(duration, max(CHECKED_SHARE * duration, CHECKED_LEAST))
+    error, coarse = np.nan, None
+    for _ in range(0 if responding else MAXIMUM_HALVINGS):
+        coarse = coarse or integrated(chosen, checked, system.dofs)
+        fine = integrated(0.5 * chosen, checked, system.dofs)
+        error = _difference(coarse[0], fine[0], STILL * vehicle.reference_height)
+        if error <= STEP_TOLERANCE or step is not None:
+            break
+        chosen, coarse = 0.5 * chosen, fine
+    store, outcome, schedule = integrated(chosen, duration, signals)
+    scale = max(float(np.nanmax(np.abs(store.kinetic))), float(np.nanmax(np.abs(store.work))), 1e-300)
+    change = store.kinetic - store.kinetic[:, :1] - store.work
+    return Trajectory(
+        time=read_only(sampling * np.arange(store.kinetic.shape[1]), name="time"),
+        signals=store.signals(),
+        events=outcome.events,
+        ends=read_only(outcome.ends, name="ends"),
+        saturation={name: read_only_any(outcome.saturation[:, i]) for i, name in enumerate(system.inputs)},
+        kinetic=read_only_any(store.kinetic),
+        work=read_only_any(store.work),
+        energy_error=float(np.nanmax(np.abs(change))) / scale,
+        step=float(np.max(schedule.widths)),
+        step_error=error,
+        checked=0.0 if responding else checked,
+    )
+
+
+def _check(*, duration: float, sampling: float, step: float | None) -> None:
+    for name, value in (("duration", duration), ("sampling", sampling), ("step", 1.0 if step is None else step)):
+        if not (np.isfinite(value) and value > 0.0):
+            raise ValueError(f"{name}: expected a positive time in s, got {value}")
+
+
+def _tracks(track: Track | Sequence[Track] | None, runs: int) -> tuple[Track, ...]:
+    if track is None:
+        return ()
+    if isinstance(track, Sequence):
+        if len(track) not in (1, runs):
+            raise ValueError(f"track: expected one, or one for each of {runs} runs, got {len(track)}")
+        return tuple(track)
+    return (track,)
+
+
+def _starting(
+    system: SecondOrderSystem, start: Mapping[str, ArrayLike], runs: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Initial positions, velocities and internal states, (r, *) each."""
+    velocities = tuple(f"{name}.velocity" for name in system.dofs)
+    groups = (system.dofs, velocities, system.internal)
+    parts = tuple(np.zeros((runs, len(group))) for group in groups)
+    for name, value in start.items():
+        values = np.asarray(value, dtype=np.float64)
+        if values.shape not in ((), (runs,)) or not np.all(np.isfinite(values)):
+            raise ValueError(f"start[{name}]: expected a finite number or ({runs},) of them, got {value!r}")
+        for part, group in zip(parts, groups, strict=True):
+            if name in group:
+                part[:, group.index(name)] = values
+                break
+        else:
+            raise ValueError(f"start: {name!r} is no state; the states are {', '.join(sum(groups, ()))}")
+    return parts[0], parts[1], parts[2]
+
+
+def _first_step(system: SecondOrderSystem, law: Law | None, controller: Controller | None, sampling: float) -> float:
+    """A step that resolves the fastest pole of the linear model, and the shortest delay of a continuous law."""
+    closed = system
+    if law is not None and not law.sampled and controller is not None:
+        closed = close_loop(system, controller)
+    fastest = float(np.max(np.abs(np.linalg.eigvals(closed.state_matrix())), initial=0.0))
+    chosen = min(sampling, STEP_SHARE / fastest if fastest > 0.0 else sampling)
+    if law is not None and not law.sampled and np.any(~law.immediate):
+        chosen = min(chosen, float(np.min(law.delays[~law.immediate])) / STEPS_PER_DELAY)
+    return chosen
+
+
+def _difference(coarse: Store, fine: Store, still: float) -> float:
+    """Largest difference of a coordinate between two runs, relative to its largest displacement in any run."""
+    worst = 0.0
+    one, other = coarse.signals(), fine.signals()
+    for name, values in other.items():
+        both = np.isfinite(values) & np.isfinite(one[name])
+        size = float(np.max(np.abs(values[both]), initial=0.0))
+        if size > still:
+            worst = max(worst, float(np.max(np.abs(values - one[name])[both])) / size)
+    return worst
