@@ -8,6 +8,7 @@ from typing import Any, Final, Literal
 MINUS: Final = "\N{MINUS SIGN}"
 ABSENT: Final = "\N{EN DASH}"
 ALPHA: Final = "\N{GREEK SMALL LETTER ALPHA}"
+SIGMA: Final = "\N{GREEK SMALL LETTER SIGMA}"
 
 Dash = Literal["solid", "dash", "dot", "dashdot"]
 Ramp = Literal["viridis", "growth", "decay"]
@@ -87,6 +88,18 @@ def colour(order: int) -> str:
     True
     """
     return PALETTE[order % len(PALETTE)]
+
+
+def curve_colour(order: int) -> str:
+    """Colour of a curve beside limits drawn in `FAIL_COLOUR` and sums drawn in ink: neither of the two.
+
+    Examples
+    --------
+    >>> [curve_colour(order) for order in range(2)]
+    ['#0072b2', '#009e73']
+    """
+    left = [tint for tint in PALETTE if tint not in (INK, FAIL_COLOUR)]
+    return left[order % len(left)]
 
 
 def dash(order: int) -> Dash:

@@ -19,6 +19,20 @@ def value_words(result: RequirementResult) -> str:
     return (_SIGNS[result.bound] if known else "") + number(result.value, result.unit)
 
 
+def with_prefix(value: float, unit: str) -> str:
+    """A quantity that spans decades, told in thousands or millions of its unit where it is large.
+
+    Examples
+    --------
+    >>> with_prefix(25300.0, "N"), with_prefix(-3.1e6, "W"), with_prefix(2.5, "W")
+    ('25.3 kN', '−3.10 MW', '2.50 W')
+    """
+    for factor, prefix in ((1e6, "M"), (1e3, "k")):
+        if factor <= abs(value) < math.inf:
+            return number(value / factor, f"{prefix}{unit}")
+    return number(value, unit)
+
+
 def margin_sign(result: RequirementResult) -> Sign:
     """Which way the margin is bounded: a value that can only be larger widens a limit from below."""
     if result.bound == "exact" or math.isnan(result.margin_percent):
