@@ -117,12 +117,8 @@ def frequency_covariances(
     products = [(i, i, 0) for i in value_list] + [(i, i, 1) for i in rate_list] + [(i, j, 0) for i, j in pairs]
     first, second, power = (np.array([p[k] for p in products], dtype=int) for k in range(3))
     solver = _Solver(channel, _drives(channel, processes), wanted, rows)
-    poles: _Complex = np.concatenate(
-        [np.zeros(0, dtype=complex), np.linalg.eigvals(channel.A)]
-        + [one.weighting.poles for one in wanted if one.weighting is not None]
-        + [np.linalg.eigvals(p.shaping.A) for p in processes if len(p.shaping.A)]
-    )
-    top = 1.4 * max(float(np.max(np.abs(poles.imag), initial=0.0)), 0.2 * float(np.median(np.abs(poles))), 1e-3)
+    poles = _poles(channel, processes, wanted)
+    top = _top(poles)
     longest = max(
         (float(drive.delays[-1] - drive.delays[0]) for drive in solver.drives if len(drive.delays)), default=0.0
     )
@@ -175,6 +171,37 @@ def spectral_density(
     for answer in solver.together(2j * np.pi * points):
         density += 2.0 * np.abs(answer) ** 2
     return read_only_any(density.T)
+
+
+def response_edges(
+    channel: RideChannel,
+    processes: Sequence[Process],
+    observed: Sequence[Observed],
+    *,
+    band: tuple[float, float] | None = None,
+) -> FloatArray:
+    """Frequencies (rad/s, increasing) that part resonances and beats of the delays: pieces for an integral.
+
+    Without a `band` (Hz) only the two ends, below and above which nothing resonates.
+    """
+    poles = _poles(channel, processes, tuple(observed))
+    if band is None:
+        sizes = np.concatenate([np.abs(poles), np.abs(poles.real)])
+        return np.array([float(np.min(sizes[sizes > 0.0], initial=1.0)), float(np.max(sizes, initial=1.0))])
+    longest = max((float(np.ptp(process.delays)) for process in processes), default=0.0)
+    return _edges(poles, 2.0 * np.pi * band[0], 2.0 * np.pi * band[1], longest)
+
+
+def _poles(channel: RideChannel, processes: Sequence[Process], wanted: tuple[Observed, ...]) -> _Complex:
+    return np.concatenate(
+        [np.zeros(0, dtype=complex), np.linalg.eigvals(channel.A)]
+        + [one.weighting.poles for one in wanted if one.weighting is not None]
+        + [np.linalg.eigvals(process.shaping.A) for process in processes]
+    )
+
+
+def _top(poles: _Complex) -> float:
+    return 1.4 * max(float(np.max(np.abs(poles.imag), initial=0.0)), 0.2 * float(np.median(np.abs(poles))), 1e-3)
 
 
 def _drives(channel: RideChannel, processes: Sequence[Process]) -> list[_Drive]:
@@ -246,7 +273,7 @@ def _edges(poles: _Complex, low: float, high: float, longest: float) -> FloatArr
     sizes = np.concatenate([np.abs(poles), np.abs(poles.real), [high]])
     smallest = float(np.min(sizes[sizes > 0.0]))
     wide = np.geomspace(1e-4 * smallest, max(high, 2e-4 * smallest), 25)
-    points = np.concatenate([around.ravel(), wide])
+    points: FloatArray = np.concatenate([around.ravel(), wide]).astype(np.float64)
     points = np.unique(np.concatenate([[low, high], points[(points > low) & (points < high)]]))
     points = points[np.concatenate([[True], np.diff(points) > 1e-9 * points[1:]])]
     points[-1] = high

@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
-from maglev_ctrl.arrays import FloatArray
+import numpy as np
+from numpy.typing import ArrayLike
+
+from maglev_ctrl.arrays import FloatArray, read_only
 from maglev_ctrl.errors import Agreement
+
+ClearanceKind = Literal["gap", "stroke"]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -53,12 +59,13 @@ class ClearanceStatistics:
     """A gap or a stroke: how near it comes to its end.
 
     `nominal` (m) at equilibrium, `clearance` (m) the distance it may use up, `sag` (m) what the periodic part of the
-    guideway uses up already. `three_sigma` (m); `crossing_rate` (1/s) by Rice's formula; `contact_per_hour` the
-    probability of at least one contact in an hour (Poisson).
+    guideway uses up already. `three_sigma` (m); `crossing_rate` (1/s) of one end by Rice's formula, the distance to it
+    being the clearance less the sag; `contact_per_hour` the probability of at least one contact in an hour (Poisson):
+    at one end for a gap, at either for a stroke.
     """
 
     name: str
-    kind: str  # "gap" or "stroke"
+    kind: ClearanceKind
     nominal: float
     clearance: float
     sag: float
@@ -105,6 +112,74 @@ class AccelerationSpectrum:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
+class PsdMask:
+    """Highest allowed power spectral density of an acceleration, straight between its points on logarithmic axes.
+
+    Parameters
+    ----------
+    name : what it is called
+    axis : the axis it is for, "vertical" or "lateral"
+    frequency : (n,) Hz, increasing, at least two
+    density : (n,) (m/s^2)^2/Hz, one-sided, positive
+    source : where the numbers come from
+
+    Raises
+    ------
+    ValueError : fewer than two points, frequencies that do not increase, or a number that is not positive
+
+    Examples
+    --------
+    >>> mask = PsdMask("flat", "vertical", [1.0, 10.0], [1e-2, 1e-4])
+    >>> round(float(mask.at(np.array([10.0**0.5]))[0]), 9)
+    0.001
+    """
+
+    name: str
+    axis: str
+    frequency: ArrayLike
+    density: ArrayLike
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        points = read_only(self.frequency, name=f"mask {self.name}: frequency", shape=(None,))
+        levels = read_only(self.density, name=f"mask {self.name}: density", shape=points.shape)
+        if points.ndim != 1 or points.size < 2 or points[0] <= 0.0 or np.any(np.diff(points) <= 0.0):
+            raise ValueError(
+                f"mask {self.name}: frequency: expected two or more positive frequencies in Hz that increase, got "
+                f"{points.tolist()}"
+            )
+        if np.any(levels <= 0.0):
+            raise ValueError(f"mask {self.name}: density: expected positive densities, got {levels.tolist()}")
+        object.__setattr__(self, "frequency", points)
+        object.__setattr__(self, "density", levels)
+
+    def at(self, frequency: FloatArray) -> FloatArray:
+        """Allowed densities at frequencies (...) Hz; NaN outside the mask."""
+        inside = np.log(np.asarray(frequency, dtype=np.float64))
+        points, levels = (np.log(np.asarray(part, dtype=np.float64)) for part in (self.frequency, self.density))
+        found = np.exp(np.interp(inside, points, levels))
+        outside = (inside < points[0] - 1e-12) | (inside > points[-1] + 1e-12)
+        return np.asarray(np.where(outside, np.nan, found))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class MaskResult:
+    """How near a passenger's acceleration comes to a mask: `worst` density over the allowed one, at `frequency` (Hz).
+
+    At or below one the mask is kept. `compared` counts the frequencies looked at.
+    """
+
+    mask: str
+    passenger: str
+    axis: str
+    worst: float
+    frequency: float
+    compared: int
+    agreement: Agreement
+    reason: str
+
+
+@dataclass(frozen=True, eq=False, slots=True)
 class RideResponse:
     """The response of one closed loop to a random guideway at one speed (m/s)."""
 
@@ -116,3 +191,6 @@ class RideResponse:
     agreement: Agreement
     largest_difference: float
     reason: str
+    masks: tuple[MaskResult, ...] = ()
+    signals: tuple[SignalStatistics, ...] = ()
+    band: tuple[float, float] | None = None  # Hz, where only a band of the roughness counts
