@@ -49,7 +49,7 @@ def diff(
 
     Exit status: 0 every option and requirement of the first report is still there, and each requirement of these
     options passes in the second or has the verdict it had; 1 some requirement or option does not; 2 wrong input.
-    Options that only the second report has are told but not judged.
+    Options that only the second report has, and wishes (requirements that are not hard), are told but not judged.
     """
     if not 0.0 <= tolerance < 1.0:
         raise typer.BadParameter(f"expected at least 0 and below 1, got {tolerance:g}", param_hint="--tolerance")
@@ -81,6 +81,8 @@ def _print(found: Difference) -> None:
         for option in found.options:
             if option.changed:
                 _print_option(screen, option)
+        for section in found.sections:
+            screen.print(f"- {escape(_section_words(section))}")
         same = [option.label for option in found.options if not option.changed]
         if same:
             screen.print(f"without a difference: {escape(', '.join(same))}")
@@ -144,7 +146,7 @@ def _requirement_row(change: RequirementChange) -> tuple[str, ...]:
     if change.worst_at_before != at and change.verdict_before is not None and change.verdict_after is not None:
         at = f"{change.worst_at_before or 'nowhere'} → {at or 'nowhere'}"
     return (
-        escape(change.name), _words(change.verdict_before, change.verdict_after),
+        escape(change.name) + ("" if change.hard else " (wish)"), _words(change.verdict_before, change.verdict_after),
         _SIGNS[change.bound_before] * bool(before) + escape(before),
         _SIGNS[change.bound_after] * bool(after) + escape(after),
         f"[{_WAYS[change.toward]}]{escape(way)}[/]", escape(at),
@@ -218,7 +220,7 @@ def _signed(words: str) -> str:
 
 def _summary(found: Difference) -> str:
     """The whole in a line."""
-    from maglev_ctrl.report.difference_records import COUNTED, Outcome
+    from maglev_ctrl.report.difference_records import Outcome
 
     standings = [option.standing for option in found.options]
     asked = sum(len(option.requirements) for option in found.options)
@@ -229,7 +231,7 @@ def _summary(found: Difference) -> str:
     said += f": {', '.join(told)}" if told else ", no verdict changed"
     tail = [f"{standings.count(word)} option(s) {word}" for word in ("gone", "new", "renamed") if word in standings]
     losing = [
-        f"{option.label}: {', '.join(one.name for one in option.requirements if one.outcome in COUNTED)}"
+        f"{option.label}: {', '.join(one.name for one in option.counted)}"
         for option in found.options if option.counted
     ]  # fmt: skip
     return "; ".join((said, *tail, *losing))

@@ -20,6 +20,7 @@ from maglev_ctrl.report.difference_records import (
     OptionChange,
     Outcome,
     RequirementChange,
+    SectionChange,
 )
 from maglev_ctrl.report.difference_sections import number_change, section_change
 from maglev_ctrl.report.reading import NumberRead, OptionRead, ReportRead, RequirementRead
@@ -75,6 +76,7 @@ def difference(
         versions=_versions(before, after),
         design_point=_number_changes(before.design_point, after.design_point, tolerance),
         options=tuple(options),
+        sections=_sections(before, after, tolerance),
         tolerance=tolerance,
     )
 
@@ -85,7 +87,7 @@ def difference_plain(found: Difference) -> dict[str, Any]:
     Examples
     --------
     >>> from maglev_ctrl.report.difference_records import Difference
-    >>> difference_plain(Difference("A", "B", "1f", "1f", "same", (), 0, (), (), (), 1e-6))["at_least_as_good"]
+    >>> difference_plain(Difference("A", "B", "1f", "1f", "same", (), 0, (), (), (), (), 1e-6))["at_least_as_good"]
     True
     """
     body = plain(found)
@@ -158,15 +160,22 @@ def _option_change(before: OptionRead | None, after: OptionRead | None, toleranc
         _requirement_change(old.get(name), new.get(name), tolerance, floors) for name in dict.fromkeys((*new, *old))
     ]
     requirements.sort(key=_requirement_place)
-    sections = [
-        section_change(name, before.sections.get(name), after.sections.get(name), tolerance=tolerance)
-        for name in dict.fromkeys((*before.sections, *after.sections))
-    ]
     return OptionChange(
         *names, known.label, *verdicts, tuple(requirements),
         _number_changes(before.numbers, after.numbers, tolerance),
-        tuple(one for one in sections if one.changed or one.other), tuple(_option_notes(before, after)),
+        _sections(before, after, tolerance), tuple(_option_notes(before, after)),
     )  # fmt: skip
+
+
+def _sections(
+    before: OptionRead | ReportRead, after: OptionRead | ReportRead, tolerance: float
+) -> tuple[SectionChange, ...]:
+    """Those parts that differ, of an option or of the whole report."""
+    changes = (
+        section_change(name, before.sections.get(name), after.sections.get(name), tolerance=tolerance)
+        for name in dict.fromkeys((*before.sections, *after.sections))
+    )
+    return tuple(one for one in changes if one.changed or one.other)
 
 
 def _option_notes(before: OptionRead, after: OptionRead) -> Iterable[str]:
@@ -219,6 +228,7 @@ def _requirement_change(
         bound_after=new.bound,
         worst_at_before=old.worst_at,
         worst_at_after=new.worst_at,
+        hard=old.hard or new.hard,
         notes=tuple(_requirement_notes(old, new)),
     )
 
@@ -231,6 +241,8 @@ def _requirement_notes(before: RequirementRead, after: RequirementRead) -> Itera
         )
     elif before.description != after.description:
         yield f"asked for {before.description!r} before, now for {after.description!r}"
+    if before.hard != after.hard:
+        yield "was a wish, is now a requirement" if after.hard else "was a requirement, is now a wish"
     if after.verdict is not Verdict.PASS and after.reason and (before.verdict, before.reason) != (
         after.verdict, after.reason,
     ):  # fmt: skip
@@ -276,11 +288,11 @@ def _requirement_place(change: RequirementChange) -> tuple[int, int, float]:
     """Worst first; among equal verdicts those whose value went the wrong way, the largest share first."""
     way = {"worse": 0, "": 1, "better": 2}[change.toward]
     share = 0.0 if math.isnan(change.value.relative) else abs(change.value.relative)
-    return _PLACES[change.outcome], way, -share
+    place = _PLACES[change.outcome] if change.hard or change.outcome not in COUNTED else _PLACES[Outcome.SAME]
+    return place, way, -share
 
 
 def _option_place(option: OptionChange) -> tuple[int, int, int]:
     standing = {"gone": 0, "both": 1, "renamed": 1, "new": 2}[option.standing]
-    worst = min((_PLACES[one.outcome] for one in option.requirements), default=len(_PLACES))
-    losing = sum(one.outcome in COUNTED for one in option.requirements)
-    return standing, worst if losing else len(COUNTED), -losing
+    worst = min((_PLACES[one.outcome] for one in option.counted), default=len(_PLACES))
+    return standing, worst, -len(option.counted)

@@ -23,7 +23,7 @@ class Outcome(Enum):
 
 
 COUNTED: Final = frozenset({Outcome.WORSE, Outcome.GONE, Outcome.UNMET, Outcome.OTHER})
-"""What keeps the second report from being at least as good as the first."""
+"""What keeps the second report from being at least as good as the first, unless the requirement is only a wish."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -58,6 +58,7 @@ class RequirementChange:
     verdict_before, verdict_after : None where the report does not ask for it
     toward : where the value went, by the sense of the requirement; "" where it stayed or cannot be told
     limit_toward : what the change of the limit did: a "looser" one is easier to meet
+    hard : False where it is only a wish in each report that has it
     notes : what else is different, in sentences
     """
 
@@ -74,7 +75,13 @@ class RequirementChange:
     bound_after: Bound
     worst_at_before: str
     worst_at_after: str
+    hard: bool
     notes: tuple[str, ...]
+
+    @property
+    def counts(self) -> bool:
+        """Whether the second report is not as good as the first for its sake."""
+        return self.hard and self.outcome in COUNTED
 
     @property
     def changed(self) -> bool:
@@ -132,7 +139,7 @@ class OptionChange:
     @property
     def counted(self) -> tuple[RequirementChange, ...]:
         """The requirements that are not as good as before."""
-        return tuple(one for one in self.requirements if one.outcome in COUNTED)
+        return tuple(one for one in self.requirements if one.counts)
 
     @property
     def changed(self) -> bool:
@@ -154,6 +161,7 @@ class Difference:
     versions : (name, before, after) of what differs, "" where there is none
     design_point : only what changed
     options : worst first
+    sections : other parts of the report, only those that differ
     tolerance : relative change up to which numbers count as equal
     """
 
@@ -167,13 +175,14 @@ class Difference:
     versions: tuple[tuple[str, str, str], ...]
     design_point: tuple[NumberChange, ...]
     options: tuple[OptionChange, ...]
+    sections: tuple[SectionChange, ...]
     tolerance: float
 
     @property
     def at_least_as_good(self) -> bool:
         """Every option and requirement is still there, and each requirement passes or has the verdict it had.
 
-        Options that only the second report has are not judged.
+        Options that only the second report has, and wishes, are not judged.
         """
         return not any(option.standing == "gone" or option.counted for option in self.options)
 
@@ -181,7 +190,7 @@ class Difference:
     def empty(self) -> bool:
         """Nothing is different but the time at which the reports were made."""
         return (
-            self.scenario == "same" and not self.versions and not self.design_point
+            self.scenario == "same" and not self.versions and not self.design_point and not self.sections
             and self.title_before == self.title_after and not any(option.changed for option in self.options)
         )  # fmt: skip
 

@@ -27,6 +27,10 @@ _OTHERS: Final = {
 }  # fmt: skip
 _WORDS: Final = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
 _READ: Final = frozenset({
+    "format", "kind", "verdict", "title", "description", "scenario_path", "scenario_text", "scenario_hash", "sources",
+    "assumptions", "forces", "design_speed", "design_height", "options", "versions", "created", "seconds",
+})  # fmt: skip
+_READ_OF_OPTION: Final = frozenset({
     "name", "label", "kind", "summary", "failure", "verdict", "requirements", "modes", "margins", "seconds",
 })  # fmt: skip
 
@@ -46,6 +50,7 @@ class RequirementRead:
     worst_at: str
     reason: str
     bound: Bound
+    hard: bool = True  # False: a wish, whose missing fails nothing
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -94,6 +99,7 @@ class ReportRead:
     versions: tuple[tuple[str, str], ...]
     design_point: tuple[NumberRead, ...]
     options: tuple[OptionRead, ...]
+    sections: Mapping[str, Any]  # every field that has no record here, as JSON has it
 
 
 def read_report(place: Path) -> ReportRead:
@@ -159,7 +165,7 @@ def report_of(data: Any) -> ReportRead:
             NumberRead(words, *_quantity(_get(data, key, ""), key))
             for key, words in (("design_speed", "design speed"), ("design_height", "design height"))
         ),
-        options,
+        options, {key: value for key, value in data.items() if key not in _READ},
     )  # fmt: skip
 
 
@@ -211,7 +217,7 @@ def _option(data: Any, where: str) -> OptionRead:
         _text(record, "name", where), _text(record, "label", where), _text(record, "kind", where),
         _strings(record.get("summary", []), f"{where}.summary"), _text(record, "failure", where),
         _verdict(record, where), requirements, (*modes, *_margins(record.get("margins"), f"{where}.margins")),
-        *errors, {key: value for key, value in record.items() if key not in _READ},
+        *errors, {key: value for key, value in record.items() if key not in _READ_OF_OPTION},
     )  # fmt: skip
 
 
@@ -222,10 +228,13 @@ def _requirement(data: Any, where: str) -> RequirementRead:
     sense, bound = _text(record, "sense", where), _text(record, "bound", where, default="exact")
     _require_one_of(sense, ("at_least", "at_most"), f"{where}.sense")
     _require_one_of(bound, ("exact", "lower", "upper"), f"{where}.bound")
+    hard = record.get("hard", True)
+    if not isinstance(hard, bool):
+        raise ValueError(f"{where}.hard: expected true or false, got {_shown(hard)}")
     return RequirementRead(
         _text(record, "name", where), _text(record, "quantity", where), _text(record, "description", where),
         cast("Literal['at_least', 'at_most']", sense), limit, value, unit, _verdict(record, where),
-        _text(record, "worst_at", where), _text(record, "reason", where), cast("Bound", bound),
+        _text(record, "worst_at", where), _text(record, "reason", where), cast("Bound", bound), hard,
     )  # fmt: skip
 
 

@@ -98,6 +98,20 @@ def test_a_requirement_that_is_gone_counts_and_a_new_one_where_it_does_not_pass(
     assert new.at_least_as_good is (verdict == "PASS")
 
 
+def test_a_wish_is_told_and_does_not_count() -> None:
+    wish = report(option("bare", requirement(hard=False)))
+    for after in ([requirement(verdict="FAIL", hard=False)], []):
+        found = compared(wish, report(option("bare", *after)))
+        assert found.at_least_as_good and not found.empty
+        assert only(found).outcome in COUNTED and not only(found).counts
+    hardened = compared(wish, report(option("bare", requirement(verdict="FAIL"))))
+    assert not hardened.at_least_as_good and only(hardened).notes[0] == "was a wish, is now a requirement"
+    softened = compared(
+        report(option("bare", requirement())), report(option("bare", requirement("stable", "FAIL", hard=False)))
+    )
+    assert not softened.at_least_as_good and only(softened).notes[0] == "was a requirement, is now a wish"
+
+
 def test_options_that_are_gone_count_and_new_ones_do_not() -> None:
     one, two = (
         report(option("bare")),
@@ -283,6 +297,8 @@ def test_unknown_sections_are_counted_and_their_largest_change_is_named() -> Non
     assert (section.name, section.numbers, section.changed, section.other) == ("ride", 4, 1, 1)
     assert section.largest is not None and section.largest.name == "ride.index" and section.largest.unit == "m/s^2"
     assert section.largest.relative == pytest.approx(0.1) and section.other_at == "ride.standard"
+    whole = compared(report(tuning=ride), report(tuning=other))
+    assert [(one.name, one.changed) for one in whole.sections] == [("tuning", 1)] and not whole.empty
     found = compared(report(option("bare")), report(option("bare", ride=ride))).options[0]
     assert [one.name for one in found.sections] == ["ride"] and found.sections[0].other == 1
 
