@@ -102,7 +102,7 @@ class Frame:
         first = np.sinc(angle / np.pi)[..., None, None]
         second = (0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2)[..., None, None]
         rotation = first * cross + second * (cross @ cross)
-        return self.lever + (rotation.reshape(len(q), 9 * b) @ self.rotated).reshape(len(q), 3, -1)
+        return np.asarray(self.lever + (rotation.reshape(len(q), 9 * b) @ self.rotated).reshape(len(q), 3, -1))
 
     def shifts(self, q: FloatArray, lever: FloatArray) -> FloatArray:
         """Displacement of the points from the level posture, (r, 3, k)."""
