@@ -8,6 +8,7 @@ from maglev_ctrl._version import __version__
 from maglev_ctrl.errors import Verdict
 from maglev_ctrl.report.charts_comparison import options_over_speed
 from maglev_ctrl.report.charts_margins import margin_bars, requirement_names
+from maglev_ctrl.report.content_method import method_words
 from maglev_ctrl.report.content_option import option_section, requirement_table
 from maglev_ctrl.report.findings import key_findings, leading_option
 from maglev_ctrl.report.model import (
@@ -25,30 +26,8 @@ from maglev_ctrl.report.model import (
 )
 from maglev_ctrl.report.model import Table as TableBlock
 from maglev_ctrl.report.style import ABSENT, number
-from maglev_ctrl.report.values import value_words
+from maglev_ctrl.report.values import judged_cell, value_words
 from maglev_ctrl.study.records import Comparison, OptionStudy, RequirementResult
-
-METHOD = (
-    "Every operating point has its own equilibrium: magnet currents or heights are trimmed before the model is "
-    "linearised, and no force model is ever asked outside its data.",
-    "Stability is read from the eigenvalues of the closed loop with their rounding-error bounds and confirmed by the "
-    "inertia of a Lyapunov solution; where the two do not agree the result is unresolved, never stable.",
-    "The energy ledger splits each growth rate exactly over the vehicle's elements, into damping and circulatory "
-    "parts; the residual of the sum is a check of the eigenpair.",
-    "Margins are asked only of stable loops. Disk margins are peaks of closed-loop transfer functions found by "
-    "Hamiltonian bisection, not on a frequency grid; delay margins come from exact crossings.",
-    "Periodic stability comes from Floquet multipliers, computed by two independent engines (propagators over one "
-    "period and Hill's infinite determinant); unstable tongues are named by the modes that meet.",
-    "Designs are verified after the solver by closing the loop anew; a solver's own word is never taken.",
-    "Force limits of actuators are recorded but neither enforced nor checked: the analysis is linear, and commands "
-    "grow in proportion to the motion without end.",
-    "The resonance map of an option with actuator delay may merge delay and bandwidth into one lag of the same phase "
-    "at low frequency (its figure names the map's method); numbers that decide a requirement use the full model.",
-    "An equilibrium holds the height, trimming the magnet currents at every point, or holds the magnet strength, and "
-    "then the height follows from the balance; the equilibrium table of each option says which.",
-    "A verdict is PASS, FAIL or NOT EVALUATED. What could not be computed or confirmed is NOT EVALUATED and never "
-    "counts as passed. A margin in per cent is the distance from the limit divided by the limit.",
-)  # fmt: skip
 
 
 def report_model(comparison: Comparison) -> Report:
@@ -113,12 +92,14 @@ def _verdict_matrix(comparison: Comparison) -> TableBlock:
     names = requirement_names(comparison)
     rows = []
     for option in comparison.options:
-        judged = {r.name: r.verdict for r in option.requirements}
-        found = [cell(judged[name]) if name in judged else Cell("not asked") for name in names]
+        judged = {r.name: judged_cell(r) for r in option.requirements}
+        found = [judged.get(name, Cell("not asked")) for name in names]
         rows.append((Cell(option.label), cell(option.verdict), *found))
     heads = ("Option", "Overall", *(_breakable(name) for name in names))
+    wishes = any(not r.hard for option in comparison.options for r in option.requirements)
     return TableBlock(
-        "Verdicts of every option on every requirement: ✓ PASS, ✗ FAIL, ? NOT EVALUATED",
+        "Verdicts of every option on every requirement: ✓ PASS, ✗ FAIL, ? NOT EVALUATED"
+        + ("; a wish that is missed (✗ wish) fails nothing" if wishes else ""),
         heads, tuple(rows), (1.6, 1.0, *(1.0 for _ in names)), small=True,
     )  # fmt: skip
 
@@ -157,7 +138,7 @@ def _value_and_change(result: RequirementResult, base: float, is_base: bool) -> 
 
 
 def _method(comparison: Comparison) -> Section:
-    blocks: list[Block] = [Bullets(METHOD)]
+    blocks: list[Block] = [Bullets(method_words(comparison))]
     if comparison.forces:
         blocks += [Paragraph("Magnetic forces:"), Bullets(comparison.forces)]
     if comparison.assumptions:

@@ -6,19 +6,21 @@ from typing import Final
 
 import numpy as np
 
-from maglev_ctrl.analysis.disk import DiskMargin
-from maglev_ctrl.analysis.margins import ChannelMargins, Margins
-from maglev_ctrl.errors import Agreement
-from maglev_ctrl.report.charts_margins import disk_value, nyquist
+from maglev_ctrl.errors import Agreement, Verdict
 from maglev_ctrl.report.charts_modes import boundary_words, energy_ledger, other_sweeps, root_locus, speed_chart
 from maglev_ctrl.report.charts_periodic import resonance_chart, resonance_words, tongue_tips, tongue_words
 from maglev_ctrl.report.charts_shapes import mode_shapes
+from maglev_ctrl.report.content_margins import option_margin_blocks
+from maglev_ctrl.report.content_nonlinear import nonlinear_blocks
 from maglev_ctrl.report.content_periodic import floquet_margin_blocks
+from maglev_ctrl.report.content_robustness import robustness_blocks
 from maglev_ctrl.report.findings import unforced_warning
 from maglev_ctrl.report.groups import largest_feeder
-from maglev_ctrl.report.model import Banner, Block, Bullets, Cell, FigureBlock, Paragraph, Section, Table, row
-from maglev_ctrl.report.style import ABSENT, ALPHA, number
-from maglev_ctrl.report.values import margin_words, reason_words, value_words
+from maglev_ctrl.report.model import Banner, Block, Bullets, FigureBlock, Paragraph, Section, Table, row
+from maglev_ctrl.report.ride import ride_blocks
+from maglev_ctrl.report.ride.summary import at_design
+from maglev_ctrl.report.style import ABSENT, SIGMA, number
+from maglev_ctrl.report.values import judged_cell, margin_words, reason_words, value_words, with_prefix
 from maglev_ctrl.study.records import Comparison, FloquetStudy, OptionStudy, Sweep
 from maglev_ctrl.vehicle import magnet_circuits
 from maglev_ctrl.vehicle.operating import Hold
@@ -55,8 +57,11 @@ def option_section(comparison: Comparison, option: OptionStudy, place: int) -> l
     sections = [Section(f"Option: {option.label}", anchor, 1, tuple(overview), option.verdict)]
     parts = (
         ("Modes and stability", "modes", _mode_blocks(comparison, option)),
-        ("Margins", "margins", _margin_blocks(option)),
+        ("Margins", "margins", option_margin_blocks(option)),
+        ("Worst cases", "robustness", robustness_blocks(option)),
         ("Periodic forcing", "periodic", _periodic_blocks(comparison, option)),
+        ("Ride, gaps and actuators", "ride", ride_blocks(option, design_speed=comparison.design_speed)),
+        ("Nonlinear check", "nonlinear", nonlinear_blocks(option)),
         ("Controller", "controller", _controller_blocks(option)),
     )
     sections += [Section(title, f"{anchor}-{part}", 2, tuple(blocks)) for title, part, blocks in parts if blocks]
@@ -64,27 +69,41 @@ def option_section(comparison: Comparison, option: OptionStudy, place: int) -> l
 
 
 def _force_limits(option: OptionStudy) -> list[str]:
-    """That the force limits of the actuators play no part here; nothing without limits."""
+    """Where the force limits of the actuators count, and where they do not; nothing without limits."""
     limits = sorted({a.force_limit for a in option.vehicle.actuators if a.force_limit is not None})
     if not limits:
         return []
-    sizes = ", ".join(number(limit / 1e3, "kN") for limit in limits)
-    return [f"Force limits ({sizes}) are not enforced: the analysis is linear."]
+    sizes = ", ".join(with_prefix(limit, "N") for limit in limits)
+    where = []
+    if at_design(option) is not None:
+        where.append(f"3 {SIGMA} of the force is compared with them on the guideway's irregularity")
+    if option.nonlinear is not None:
+        where.append("the nonlinear check enforces them")
+    told = " and ".join(where) or "nothing else checks them"
+    return [f"Force limits ({sizes}): the linear analysis does not enforce them; {told}."]
 
 
 def _verdict_words(option: OptionStudy) -> str:
     if not option.requirements:
         return "No requirement was judged."
-    counts = {r.verdict: sum(x.verdict is r.verdict for x in option.requirements) for r in option.requirements}
-    return "Requirements: " + ", ".join(f"{count} {verdict.value}" for verdict, count in counts.items()) + "."
+    hard = [r for r in option.requirements if r.hard]
+    counts = {r.verdict: sum(x.verdict is r.verdict for x in hard) for r in hard}
+    judged = ", ".join(f"{count} {verdict.value}" for verdict, count in counts.items())
+    told = f"Requirements: {judged}." if hard else "No hard requirement was judged."
+    wishes = [r for r in option.requirements if not r.hard]
+    met = sum(r.verdict is Verdict.PASS for r in wishes)
+    return f"{told} Wishes met: {met} of {len(wishes)}." if wishes else told
 
 
 def requirement_table(option: OptionStudy, caption: str) -> Table:
-    """Limit, value, margin, worst operating point and method of every requirement."""
+    """Limit, value, margin, worst operating point and method of every requirement; wishes are marked."""
     rows = tuple(
-        row(
-            r.name, r.description, f"{'≥' if r.sense == 'at_least' else '≤'} {number(r.limit, r.unit)}",
-            value_words(r), margin_words(r), r.worst_at or ABSENT, r.method, r.verdict,
+        (
+            *row(
+                r.name, r.description, f"{'≥' if r.sense == 'at_least' else '≤'} {number(r.limit, r.unit)}",
+                value_words(r), margin_words(r), r.worst_at or ABSENT, r.method,
+            ),
+            judged_cell(r),
         )
         for r in option.requirements
     )  # fmt: skip
@@ -181,62 +200,6 @@ def _mode_table(option: OptionStudy) -> Table:
         f"Modes of {option.label} at the design point, least stable first{more}", heads, tuple(rows),
         (2.0, 0.9, 0.9, 1.0, 0.8, 1.5, 1.5), right=(1, 2, 3, 4), small=True,
     )  # fmt: skip
-
-
-def _margin_blocks(option: OptionStudy) -> list[Block]:
-    margins = option.margins
-    if margins is None:
-        return [Paragraph(f"Margins were not evaluated: {option.margins_reason}")] if option.margins_reason else []
-    blocks = margin_blocks(margins, option.label)
-    chart = nyquist(option)
-    return [*blocks, FigureBlock(chart)] if chart is not None else blocks
-
-
-def margin_blocks(margins: Margins, label: str) -> list[Block]:
-    """Margins of every channel, of all at once, and what no replay confirmed."""
-    rows = tuple(_channel_row(channel) for channel in margins.channels)
-    heads = ("Channel", "Gain down", "Gain up", "Phase", "Delay", "Modulus", f"Disk {ALPHA}", "Verified")
-    caption = f"Margins of {label}, one channel at a time with the others closed"
-    widths = (2.0, 1.0, 1.0, 0.9, 1.0, 0.9, 1.1, 0.9)
-    blocks: list[Block] = [
-        Table(caption, heads, rows, widths, (1, 2, 3, 4, 5, 6)), Paragraph(_multi_loop_words(margins.multi_loop)),
-    ]  # fmt: skip
-    unresolved = _unresolved(margins)
-    return [*blocks, Bullets(unresolved)] if unresolved else blocks
-
-
-def _channel_row(one: ChannelMargins) -> tuple[Cell, ...]:
-    return row(
-        one.channel, number(one.gain_reduction.decibel, "dB"), number(one.gain_increase.decibel, "dB"),
-        number(one.phase.value, "deg"), number(1e3 * one.delay.value, "ms"), number(one.modulus.value),
-        number(disk_value(one.disk)), "yes" if one.verified else "no",
-    )  # fmt: skip
-
-
-def _multi_loop_words(disk: DiskMargin) -> str:
-    low, high = disk.gain_range_db
-    at = number(disk.frequency / (2.0 * np.pi), "Hz")
-    bounds = f"proven {number(disk.alpha_proven)}, reached by a worst case at {number(disk.alpha_reached)} and {at}"
-    replayed = "the replay puts a pole on the axis" if disk.verified else "not confirmed by a replay"
-    return (
-        f"All channels at once: disk margin {ALPHA} between bounds {bounds} ({disk.agreement.value}; {replayed}). "
-        f"Every channel may change at once by any gain between {number(low, 'dB')} and {number(high, 'dB')}, or "
-        f"by {number(disk.phase, 'deg')} of phase."
-    )
-
-
-def _unresolved(margins: Margins) -> tuple[str, ...]:
-    """Reasons of every margin that no replay confirmed."""
-    named = ("gain_reduction", "gain_increase", "phase", "delay", "modulus")
-    found = [
-        f"{one.channel}, {name.replace('_', ' ')}: {value.reason}"
-        for one in margins.channels
-        for name, value in ((name, getattr(one, name)) for name in named)
-        if not value.verified
-    ]
-    if not margins.multi_loop.verified:
-        found.append(f"all channels, disk margin: {margins.multi_loop.reason}")
-    return tuple(found)
 
 
 def _periodic_blocks(comparison: Comparison, option: OptionStudy) -> list[Block]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from maglev_ctrl.errors import Agreement, Verdict
 from maglev_ctrl.report.charts_periodic import tongue_words
+from maglev_ctrl.report.findings_ride import decided_by_ride, nonlinear_findings, ride_findings, tuning_findings
 from maglev_ctrl.report.groups import largest_feeder
 from maglev_ctrl.report.style import number
 from maglev_ctrl.report.values import bound_words, exact_margins, known_bounds
@@ -16,7 +17,8 @@ from maglev_ctrl.study.records import Comparison, OptionStudy, RequirementResult
 _KILOMETRES_PER_HOUR = 3.6
 CHOICE = (
     "The leading option is chosen by its verdict (PASS before NOT EVALUATED before FAIL), then by the fewest failed "
-    "requirements, then by the largest smallest margin in per cent; only margins known exactly count, bounds do not."
+    "requirements, then by the fewest missed wishes, then by the largest smallest margin in per cent; only margins "
+    "known exactly count, bounds do not, nor do wishes."
 )
 
 
@@ -26,27 +28,38 @@ def leading_option(comparison: Comparison) -> OptionStudy | None:
     judged = [o for o in comparison.options if o.requirements and not o.failure]
     if not judged:
         return comparison.options[0] if comparison.options else None
-    return min(judged, key=lambda o: (rank[o.verdict], _failed(o), -_smallest(o)))
+    return min(judged, key=lambda o: (rank[o.verdict], len(failed(o)), len(missed_wishes(o)), -_smallest(o)))
 
 
-def _failed(option: OptionStudy) -> int:
-    return sum(r.verdict is Verdict.FAIL for r in option.requirements)
+def failed(option: OptionStudy) -> tuple[RequirementResult, ...]:
+    """The hard requirements that an option fails."""
+    return tuple(r for r in hard_ones(option) if r.verdict is Verdict.FAIL)
+
+
+def missed_wishes(option: OptionStudy) -> tuple[RequirementResult, ...]:
+    """The soft requirements that an option misses."""
+    return tuple(r for r in option.requirements if not r.hard and r.verdict is Verdict.FAIL)
+
+
+def hard_ones(option: OptionStudy) -> tuple[RequirementResult, ...]:
+    """The requirements that decide an option's verdict."""
+    return tuple(r for r in option.requirements if r.hard)
 
 
 def _smallest(option: OptionStudy) -> float:
-    return min((r.margin_percent for r in exact_margins(option.requirements)), default=-math.inf)
+    return min((r.margin_percent for r in exact_margins(hard_ones(option))), default=-math.inf)
 
 
 def tightest(option: OptionStudy) -> RequirementResult | None:
-    """The requirement with the smallest exact margin; a bound tells only that the true margin lies elsewhere."""
-    return min(exact_margins(option.requirements), key=lambda r: r.margin_percent, default=None)
+    """The hard requirement with the smallest exact margin; a bound tells only that the true margin lies elsewhere."""
+    return min(exact_margins(hard_ones(option)), key=lambda r: r.margin_percent, default=None)
 
 
 def key_findings(comparison: Comparison) -> tuple[str, ...]:
     """Sentences for page one."""
     options = comparison.options
     passed = [o.label for o in options if o.verdict is Verdict.PASS]
-    asked = max((len(o.requirements) for o in options), default=0)
+    asked = max((len(hard_ones(o)) for o in options), default=0)
     lead = (
         f"{len(passed)} of {len(options)} options meet all {asked} requirements: {'; '.join(passed)}."
         if passed
@@ -57,8 +70,11 @@ def key_findings(comparison: Comparison) -> tuple[str, ...]:
     sentences = [lead, *_baseline(comparison)]
     best = leading_option(comparison)
     if best is not None:
-        sentences += [*_leading(best, several=len(options) > 1), *_resonance(best)]
+        sentences += [*_leading(best, several=len(options) > 1), *ride_findings(best), *_resonance(best)]
+    sentences += [*decided_by_ride(comparison), *tuning_findings(comparison.tuning)]
+    sentences += _wishes(comparison)
     sentences += [f"{o.label}: {warning}" for o in options if (warning := unforced_warning(o))]
+    sentences += nonlinear_findings(comparison)
     open_questions = [
         o for o in options if o.failure or any(r.verdict is Verdict.NOT_EVALUATED for r in o.requirements)
     ]
@@ -91,6 +107,13 @@ def _leading(best: OptionStudy, *, several: bool) -> list[str]:
     if bounds:
         said.append(f"Known only as bounds for {best.label}: {'; '.join(bound_words(r) for r in bounds)}.")
     return [*said, CHOICE] if several else said
+
+
+def _wishes(comparison: Comparison) -> list[str]:
+    """Who misses which wish."""
+    missed = [(o.label, missed_wishes(o)) for o in comparison.options]
+    parts = [f"{label}: {', '.join(r.name for r in wishes)}" for label, wishes in missed if wishes]
+    return [f"Wishes missed, which fails nothing: {'; '.join(parts)}."] if parts else []
 
 
 def _limit(result: RequirementResult) -> str:

@@ -6,17 +6,31 @@ import math
 from typing import Literal
 
 from maglev_ctrl.errors import Verdict
+from maglev_ctrl.report.model import SIGNS, Cell, cell
 from maglev_ctrl.report.style import number
 from maglev_ctrl.study.records import RequirementResult
 
 Sign = Literal["", "≥ ", "≤ "]
 _SIGNS: dict[str, Sign] = {"exact": "", "lower": "≥ ", "upper": "≤ "}
 
+_WISHES: dict[Verdict, str] = {
+    Verdict.PASS: "a wish that is met", Verdict.FAIL: "a wish that is missed",
+    Verdict.NOT_EVALUATED: "a wish that was not evaluated",
+}  # fmt: skip
+
 
 def value_words(result: RequirementResult) -> str:
     """The value with its unit, as "≥ 80 mm" where the true value is at least that, "≤ ..." where at most."""
     known = not math.isnan(result.value)
     return (_SIGNS[result.bound] if known else "") + number(result.value, result.unit)
+
+
+def judged_cell(result: RequirementResult) -> Cell:
+    """The verdict as a cell; a wish is told as one, and one that is missed is not told like a failure."""
+    if result.hard:
+        return cell(result.verdict)
+    met = result.verdict is Verdict.PASS
+    return Cell(f"{SIGNS[result.verdict]} wish", Verdict.PASS if met else None)
 
 
 def with_prefix(value: float, unit: str) -> str:
@@ -53,10 +67,11 @@ def bound_words(result: RequirementResult) -> str:
 
 def reason_words(result: RequirementResult) -> str:
     """Why a requirement failed, was not evaluated, or what the bound it passes on is a bound of."""
+    judged = result.verdict.value if result.hard else _WISHES[result.verdict]
     if result.bound == "exact" or math.isnan(result.value) or result.verdict is Verdict.NOT_EVALUATED:
-        return f"{result.name}, {result.verdict.value}: {result.reason}"
+        return f"{result.name}, {judged}: {result.reason}"
     side = "lower" if result.bound == "lower" else "upper"
-    return f"{result.name}, {result.verdict.value} with {value_words(result)}, a {side} bound: {result.reason}"
+    return f"{result.name}, {judged} with {value_words(result)}, a {side} bound: {result.reason}"
 
 
 def exact_margins(results: tuple[RequirementResult, ...]) -> tuple[RequirementResult, ...]:

@@ -15,7 +15,8 @@ from maglev_ctrl.report.chart import Area, Bars, Chart, Line, Marks, Note
 from maglev_ctrl.report.charts_comparison import options_over_speed
 from maglev_ctrl.report.charts_margins import margin_bars
 from maglev_ctrl.report.charts_periodic import critical_curve, resonance_chart, tips_below_curve
-from maglev_ctrl.report.content import METHOD, report_model
+from maglev_ctrl.report.content import report_model
+from maglev_ctrl.report.content_method import METHOD
 from maglev_ctrl.report.findings import CHOICE, key_findings, leading_option, tightest, unforced_warning
 from maglev_ctrl.report.legend import legend_entries
 from maglev_ctrl.report.model import Banner, Bullets, Report, Table
@@ -211,13 +212,13 @@ def test_the_banner_is_neutral_where_options_differ(studied: OptionStudy) -> Non
 
 
 def test_what_the_analysis_leaves_out_is_said(studied: OptionStudy) -> None:
-    assert any("neither enforced nor checked" in line for line in METHOD)
+    assert any("three standard deviations of the force" in line for line in METHOD)
     body = studied.vehicle.bodies[0].name
     limited = Actuator("push", body, to="guideway", position=(0.0, 0.0, 0.0), force_limit=60e3)
     plain = report_model(compared(studied))
     assert table(plain, "Equilibrium of").rows[-2][0].text == "Held"
     option = replace(studied, vehicle=studied.vehicle.with_elements(actuators=(limited,)))
-    line = "Force limits (60.0 kN) are not enforced: the analysis is linear."
+    line = "Force limits (60.0 kN): the linear analysis does not enforce them; nothing else checks them."
     told = [item for s in report_model(compared(option)).sections for b in s.blocks if isinstance(b, Bullets)
             for item in b.items]  # fmt: skip
     assert line in told

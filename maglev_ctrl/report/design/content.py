@@ -8,7 +8,7 @@ import numpy as np
 
 from maglev_ctrl._version import __version__
 from maglev_ctrl.errors import Verdict
-from maglev_ctrl.report.content_option import margin_blocks
+from maglev_ctrl.report.content_margins import margin_blocks
 from maglev_ctrl.report.design.charts import (
     budget_chart,
     manoeuvre_chart,
