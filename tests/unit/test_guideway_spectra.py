@@ -194,6 +194,16 @@ def test_the_variance_by_covariance_equation_and_by_integral_agree(form: Roughne
     assert by_equation == pytest.approx(form.variance((0.0, np.inf), speed=SPEED), rel=1e-8)
 
 
+def test_a_sharp_resonance_is_integrated_or_refused() -> None:
+    """1 / ((s - 1)^2 + 4 z^2 s) in s = W^2 has the variance pi / (4 z), a peak of width z at W = 1."""
+    for damping in (1e-2, 1e-3, 1e-4):
+        sharp = rational([1e-6], [1.0, -2.0 + 4.0 * damping**2, 1.0])
+        assert sharp.variance((0.0, np.inf)) == pytest.approx(1e-6 * np.pi / (4.0 * damping), rel=1e-7)
+    # Here the coefficients themselves hold the damping to a few digits only.
+    with pytest.raises(ArithmeticError, match="only known to"):
+        rational([1e-6], [1.0, -2.0 + 4e-14, 1.0]).variance((0.0, np.inf))
+
+
 def test_the_rate_of_the_federal_form_has_the_variance_of_its_integral() -> None:
     form = federal_railroad(5)
     made = shaping_filter(form, speed=SPEED)
