@@ -138,7 +138,7 @@ def _eliminate(
         if step and step % _PATIENCE == 0:
             tolerance *= 10.0
             level = max(level, best.value * (1.0 + tolerance))
-        omega = _next_pick(picks, rest)
+        omega = next_pick(picks, rest)
         value = response(A, B, C, D, np.array([omega]))[0]
         bound = mu_upper(value, start=scales, target=level * (1.0 - 0.1 * tolerance))
         scales = bound.log_scales
@@ -147,11 +147,12 @@ def _eliminate(
             if climbed.value > best.value:
                 best, at = climbed, where
             level = max(level, best.value * (1.0 + tolerance), bound.value * (1.0 + tolerance))
-        rest = _without(rest, _proven(A, B, C, D, bound.log_scales, level, omega))
+        rest = without(rest, _proven(A, B, C, D, bound.log_scales, level, omega))
     return np.inf, best, at
 
 
-def _next_pick(picks: list[float], rest: list[Interval]) -> float:
+def next_pick(picks: list[float], rest: list[Interval]) -> float:
+    """The next frequency to look at: the first pick (taken off the list) that is not yet proven, else in a gap."""
     while picks:
         omega = picks.pop(0)
         if any(low <= omega <= high for low, high in rest):
@@ -181,7 +182,7 @@ def _proven(
     return low, high
 
 
-def _without(rest: list[Interval], proven: Interval) -> list[Interval]:
+def without(rest: list[Interval], proven: Interval) -> list[Interval]:
     """The rest with one interval taken out; slivers narrower than rounding are taken as covered."""
     low, high = proven
     left: list[Interval] = []

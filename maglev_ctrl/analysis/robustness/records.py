@@ -55,8 +55,8 @@ class WorstPoint:
     """The worst value found of one quantity inside the box, and where.
 
     `nominal` without changes, `value` at `changes` (p,) in units of the spreads, `percent` (p,) the same in % of the
-    parameters; `frequency` (rad/s) of the mode or of the margin. Found by optimisation: the true worst value may be worse
-    still, never better. `verified` : the model assembled again at that point gives the same value; NaN where
+    parameters; `frequency` (rad/s) of the mode or of the margin. Found by optimisation: the true worst value may be
+    worse still, never better. `verified` : the model assembled again at that point gives the same value; NaN where
     `reason` says why there is none.
     """
 
