@@ -9,7 +9,7 @@ from maglev_ctrl.analysis.hamiltonian import response
 from maglev_ctrl.analysis.loops import Loop
 from maglev_ctrl.analysis.margins import loop_margins
 from maglev_ctrl.analysis.structured import mu_lower, mu_upper, phases_from_scaling, scaled
-from maglev_ctrl.analysis.structured_peak import _without, structured_peak
+from maglev_ctrl.analysis.structured_peak import without, structured_peak
 from maglev_ctrl.arrays import ComplexArray
 
 
@@ -95,9 +95,9 @@ def test_narrow_peak_is_found_without_seeds() -> None:
 
 
 def test_what_lies_above_the_first_proven_interval_is_not_forgotten() -> None:
-    assert _without([(0.0, np.inf)], (0.0, 21.54)) == [(21.54, np.inf)]
-    assert _without([(21.54, np.inf)], (20.0, np.inf)) == []
-    assert _without([(0.0, 1.0)], (0.0, 1.0 - 1e-12)) == []
+    assert without([(0.0, np.inf)], (0.0, 21.54)) == [(21.54, np.inf)]
+    assert without([(21.54, np.inf)], (20.0, np.inf)) == []
+    assert without([(0.0, 1.0)], (0.0, 1.0 - 1e-12)) == []
 
 
 def test_a_peak_above_the_first_resonance_is_found() -> None:

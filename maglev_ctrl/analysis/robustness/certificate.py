@@ -67,7 +67,7 @@ def prove(
     poles = np.linalg.eigvals(loop.A) if loop.A.size else np.zeros(0, dtype=complex)
     if np.any(poles.real >= 0.0):
         raise ValueError(f"loop: expected a stable nominal loop, got a pole at {poles[np.argmax(poles.real)]:.6g}")
-    A, B, C, D = _even_channels(loop, poles)
+    A, B, C, D = _even_channels(loop, np.asarray(poles + 0j))
     order = np.argsort(-poles.real / np.maximum(np.abs(poles), 1e-300))
     picks = [*seeds, *np.abs(poles.imag[order]), 0.0, np.inf]
     rest: list[Interval] = [(0.0, np.inf)]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -149,9 +149,10 @@ def perturbed_system(
             raise ValueError(f"{parameter.name}: a lag or delay cannot fall to zero (relative change {change:g})")
         for value in inner.values():
             value[list(share.slow)] /= 1.0 + change
-    arrays = {key: read_only(value, name=key) for key, value in (matrices | inner).items()}
-    whole = Contribution("matrices", "other", *(arrays[key] for key in ("M", "C", "K", "F")))
-    return replace(plant, contributions=(whole,), **arrays)
+    all_of = {key: read_only(value, name=key) for key, value in (matrices | inner).items()}
+    whole = Contribution("matrices", "other", *(all_of[key] for key in ("M", "C", "K", "F")))
+    changed: dict[str, Any] = {"contributions": (whole,), **all_of}
+    return replace(plant, **changed)
 
 
 def _named(parameter: UncertainParameter) -> str:

@@ -99,7 +99,8 @@ def _verdict(loop: UncertainLoop, bounds: FactorBounds, growth: WorstPoint, dead
     if outcome.stable is False:
         return Verdict.FAIL, "an unstable combination lies within the spreads"
     return Verdict.NOT_EVALUATED, (
-        f"UNRESOLVED: no unstable combination found within the spreads, stability proven up to {bounds.proven:.4g} of them"
+        "UNRESOLVED: no unstable combination found within the spreads, "
+        f"stability proven up to {bounds.proven:.4g} of them"
     )
 
 
@@ -121,7 +122,7 @@ def _worst_growth(
 def _worst_damping(
     loop: UncertainLoop, points: FloatArray, spread: float, state_matrix: Callable[[FloatArray], FloatArray]
 ) -> WorstPoint:
-    nominal, _ = least_damped(np.linalg.eigvals(loop.A))
+    nominal, _ = least_damped(np.linalg.eigvals(loop.A) + 0j)
     ratios = least_damping_ratios(loop, points)
     if not np.any(np.isfinite(ratios)) and not np.isfinite(nominal):
         return _nothing(loop, "no mode oscillates")
@@ -129,7 +130,7 @@ def _worst_damping(
     found = [(float(ratios[order[0]]), points[order[0]])]
     found += [smallest_damping(loop, points[k], size=spread) for k in order if np.isfinite(ratios[k])]
     value, changes = min(found, key=lambda pair: pair[0])
-    again, frequency = least_damped(np.linalg.eigvals(state_matrix(changes)))
+    again, frequency = least_damped(np.linalg.eigvals(state_matrix(changes)) + 0j)
     return _point(loop, nominal, value, changes, frequency, abs(again - value) <= _SAME, "")
 
 
@@ -152,7 +153,7 @@ def _worst_disk(
     places = [np.zeros(p), *(point.changes for point in known if np.all(np.isfinite(point.changes))), *ranked]
     try:
         nominal = _disk(controller, assembled, np.zeros(p))
-        quick = []
+        quick: list[float] = []
         for place in places:
             if monotonic() > deadline and quick:
                 break
