@@ -1,0 +1,1 @@
+"""Figures of options side by side: what each can reach where objectives conflict."""
