@@ -121,8 +121,8 @@ def margin_bars(comparison: Comparison) -> Chart | None:
     return Chart(
         key="margins",
         caption=f"Distance of every option to every requirement, per cent of the limit (cut at ±{_LONGEST_BAR:g} %): "
-        "bars to the right of zero are inside the limit, hatched bars fail, open arrows with ≥ or ≤ are bounds and no "
-        "exact margins; words where nothing was computed.",
+        "bars to the right of zero are inside the limit, hatched bars miss it, open arrows with ≥ or ≤ are bounds and "
+        "no exact margins; words where nothing was computed.",
         alt="Margins to the requirements. " + " ".join(_words(comparison, name) for name in names),
         panels=panels,
         columns=columns,
@@ -150,13 +150,14 @@ def _words(comparison: Comparison, name: str) -> str:
 def _margin_panel(comparison: Comparison, name: str, *, first: bool) -> Panel:
     options = comparison.options
     items: list[Item] = [Span("x", -_LONGEST_BAR, 0.0, FAIL_COLOUR, 0.07)]
-    unit, limit, sense = "", math.nan, "at_least"
+    unit, limit, sense, wished = "", math.nan, "at_least", ""
     for row, option in enumerate(options):
         at = -float(row)
         found = next((r for r in option.requirements if r.name == name), None)
         if found is None:
             continue
         unit, limit, sense = found.unit, found.limit, found.sense
+        wished = "" if found.hard else ", a wish"
         if found.verdict is Verdict.NOT_EVALUATED or math.isnan(found.margin_percent):
             word = "not evaluated" if found.verdict is Verdict.NOT_EVALUATED else found.verdict.value
             items.append(Note(4.0, at, word, "left", "center", UNKNOWN_COLOUR, True))
@@ -198,7 +199,7 @@ def _margin_panel(comparison: Comparison, name: str, *, first: bool) -> Panel:
             ticks=tuple(-float(i) for i in range(len(options))),
             tick_labels=tuple(_short(o.label) for o in options) if first else tuple("" for _ in options),
         ),
-        title=f"{name}\n{word} {number(limit, unit)}",
+        title=f"{name}\n{word} {number(limit, unit)}{wished}",
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from maglev_ctrl.errors import Agreement, Verdict
 from maglev_ctrl.report.chart import Axis, Chart, Line, Panel
 from maglev_ctrl.report.model import Banner, Block, Bullets, Cell, FigureBlock, Paragraph, Table, row
-from maglev_ctrl.report.style import ABSENT, curve_colour, number
+from maglev_ctrl.report.style import ABSENT, curve_colour, number, unit_words
 from maglev_ctrl.study.nonlinear.records import Compared, NonlinearStudy
 from maglev_ctrl.study.records import OptionStudy
 
@@ -35,7 +35,7 @@ def nonlinear_blocks(option: OptionStudy) -> list[Block]:
     if study.saturated:
         blocks.append(Paragraph(_saturation_words(study)))
     if study.limit_cycle:
-        blocks.append(Paragraph(f"Limit cycle: {study.limit_cycle}."))
+        blocks.append(Paragraph(f"{study.limit_cycle[0].upper()}{study.limit_cycle[1:].rstrip('.')}."))
     if study.attraction:
         blocks.append(_attraction_table(option.label, study))
     chart = time_traces(option, study)
@@ -70,8 +70,8 @@ def _runs_words(study: NonlinearStudy) -> str:
     speed = number(study.speed * _KILOMETRES_PER_HOUR, "km/h")
     return (
         f"{study.runs} runs of {number(study.duration, 's')} at {speed} over different guideways of the same spectrum "
-        f"(first seed {study.seed}), steps of {number(1e3 * study.step, 'ms')}, whose error is "
-        f"{number(study.step_error, digits=2)} relative to the motion."
+        f"(first seed {study.seed}), steps of {number(1e3 * study.step, 'ms')}; half the step changes "
+        f"the motion by {number(study.step_error, digits=2)} of its largest."
     )
 
 
@@ -143,13 +143,13 @@ def time_traces(option: OptionStudy, study: NonlinearStudy) -> Chart | None:
     panels = tuple(
         Panel(
             (Line(study.time, signal.values, "", curve_colour(0), "solid", 0.9),), Axis("time (s)", limits),
-            Axis(signal.unit or ABSENT), title=signal.name,
+            Axis(unit_words(signal.unit) or ABSENT), title=signal.name,
         )
         for signal in shown
     )  # fmt: skip
     left = len(study.signals) - len(shown)
     more = f" {left} more signals are in report.json." if left else ""
-    ranges = ", ".join(f"{s.name} {_range(s.values)} {s.unit}".rstrip() for s in shown)
+    ranges = ", ".join(f"{s.name} {_range(s.values)} {unit_words(s.unit)}".rstrip() for s in shown)
     return Chart(
         key=f"{option.name}-traces",
         caption=f"One run of the nonlinear vehicle of {option.label}, thinned for the figure.{more}",

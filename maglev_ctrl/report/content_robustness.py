@@ -41,8 +41,8 @@ def robustness_blocks(option: OptionStudy) -> list[Block]:
 def factor_words(factor: FactorBounds) -> str:
     """By how much all spreads may grow: what is guaranteed and what was found."""
     guaranteed = (
-        f"Guaranteed factor {number(factor.proven, digits=4)}: as long as all spreads together grow by less than it, "
-        "every combination is stable (structured singular value"
+        f"Guaranteed factor {number(factor.proven, digits=4)}: with all spreads times anything less, every combination "
+        "of changes is stable (structured singular value"
         + (f", the box split into {factor.boxes} parts)" if factor.boxes > 1 else ")")
     )
     if not math.isfinite(factor.found):
@@ -50,7 +50,7 @@ def factor_words(factor: FactorBounds) -> str:
     else:
         at = number(factor.frequency / (2.0 * math.pi), "Hz")
         found = (
-            f"Found factor {number(factor.found, digits=4)}: with spreads this much larger a combination was found "
+            f"Found factor {number(factor.found, digits=4)}: with all spreads times this a combination was found "
             f"that puts a pole on the axis at {at}; its replay leaves the pole "
             f"{number(factor.pole_distance, digits=1)} away (relative)"
         )

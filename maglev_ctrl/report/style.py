@@ -9,6 +9,7 @@ MINUS: Final = "\N{MINUS SIGN}"
 ABSENT: Final = "\N{EN DASH}"
 ALPHA: Final = "\N{GREEK SMALL LETTER ALPHA}"
 SIGMA: Final = "\N{GREEK SMALL LETTER SIGMA}"
+TIMES: Final = "\N{MULTIPLICATION SIGN}"
 
 Dash = Literal["solid", "dash", "dot", "dashdot"]
 Ramp = Literal["viridis", "growth", "decay"]
@@ -120,6 +121,8 @@ def number(value: float, unit: str = "", *, digits: int = 3) -> str:
     --------
     >>> number(138.8889, "m/s"), number(float("nan")), number(float("inf"), "dB"), number(0.00001234, "1/s")
     ('139 m/s', '–', '∞ dB', '1.23e−5 1/s')
+    >>> number(0.315, "m/s^2")
+    '0.315 m/s²'
     """
     if math.isnan(value):
         return ABSENT
@@ -135,7 +138,18 @@ def number(value: float, unit: str = "", *, digits: int = 3) -> str:
             mantissa, _, exponent = f"{value:.{digits - 1}e}".partition("e")
             text = f"{mantissa}e{int(exponent)}"
         text = text.replace("-", MINUS)
-    return f"{text} {unit}".rstrip()
+    return f"{text} {unit_words(unit)}".rstrip()
+
+
+def unit_words(unit: str) -> str:
+    """A unit as people write it.
+
+    Examples
+    --------
+    >>> unit_words("m/s^2")
+    'm/s²'
+    """
+    return unit.replace("^2", "²")
 
 
 def tick_text(value: float, step: float) -> str:
