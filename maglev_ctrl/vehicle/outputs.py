@@ -57,6 +57,7 @@ def _sensor_row(sensor: Sensor, row: FloatArray) -> OutputRow:
 def magnet_rows(vehicle: Vehicle, motion: FloatArray) -> list[OutputRow]:
     """Height change of every magnet over (or under) the guideway, "<magnet>.gap", from their motion (m, 3, n).
 
+    A magnet with a guidance wall has the change of its distance to it too, "<magnet>.guidance_gap".
     An electromagnet driven by voltage also has "<magnet>.current".
     """
     rows = []
@@ -65,6 +66,11 @@ def magnet_rows(vehicle: Vehicle, motion: FloatArray) -> list[OutputRow]:
         output.H_q = upward * motion[i, 2]
         output.guideway = {f"heave@{magnet.name}": -upward}
         rows.append(output)
+        if magnet.side:
+            beside = OutputRow(f"{magnet.name}.guidance_gap", len(vehicle.dofs))
+            beside.H_q = -magnet.side * motion[i, 1]
+            beside.guideway = {f"sway@{magnet.name}": float(magnet.side)}
+            rows.append(beside)
         for state in circuit_state(magnet):
             current = OutputRow(state, len(vehicle.dofs))
             current.internal = {state: 1.0}
