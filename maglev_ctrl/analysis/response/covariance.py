@@ -230,6 +230,8 @@ def _residues(
         rho[:, j, n : n + n_a] = (of_process[:, None] * gains[:n_a, row]).T
         rho[:, j, -1] = still * part.static * part.s[rows[j]]
         constant[:, j] = through * part.through * part.d[rows[j]]
+        if not part.live[rows[j]]:
+            rho[:, j] = 0.0  # eigenvectors mix parts that are not coupled, by rounding
     return Residues(part.delays, np.concatenate([modes.poles, evaluated, [0.0]]), rho, constant)
 
 

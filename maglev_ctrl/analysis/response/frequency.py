@@ -24,12 +24,19 @@ TOLERANCE = 1e-8
 _Complex = NDArray[np.complexfloating[Any, Any]]
 _CHUNK = 400
 
+LOWEST = 1e-5
+"""Share of the smallest pole, and of the inverse of the longest delay, below which nothing changes any more."""
+
+ZERO = 1e-9
+"""A deviation below this share of its scale is one of rounding."""
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class FrequencyCovariances:
     """Integrals over frequency: `variances` and `rates` (N,) (NaN where not asked for), `pairs` (P,) covariances.
 
-    `errors` (N,) relative estimates of the variances' errors; `evaluations` counts frequencies.
+    `errors` (N,) relative estimates of the variances' errors; `evaluations` counts frequencies. `scales` (N,) are the
+    deviations were the guideway inputs independent and nothing in an output cancelled: what rounding is a share of.
     """
 
     names: tuple[str, ...]
@@ -38,6 +45,7 @@ class FrequencyCovariances:
     pairs: FloatArray
     errors: FloatArray
     evaluations: int
+    scales: FloatArray
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -129,17 +137,20 @@ def frequency_covariances(
             values += np.real(answer[:, first] * answer[:, second].conj())
         return values * np.where(power == 1, omega[:, None] ** 2, 1.0)
 
-    if band is not None:
-        low, high = 2.0 * np.pi * band[0], 2.0 * np.pi * band[1]
-        found = adaptive_integral(on_axis, _edges(poles, low, high, longest), tolerance=tolerance)
-        value, error, evaluations = found.value, found.error, found.evaluations
-    else:
-        body = adaptive_integral(on_axis, _edges(poles, 0.0, top, longest), tolerance=tolerance)
-        single = _single_tail(solver, products, top, poles, tolerance, body.value)
-        crossed = _crossed_tail(solver, products, top, tolerance, body.value)
-        value = body.value + single[0] + crossed[0]
-        error = body.error + single[1] + crossed[1]
-        evaluations = body.evaluations + single[2] + crossed[2]
+    scales = solver.scales(poles)
+    floor = (100.0 * ZERO**2 * scales[first] * scales[second]) * np.where(power == 1, np.max(np.abs(poles)) ** 2, 1.0)
+    low, high = (0.0, top) if band is None else (2.0 * np.pi * band[0], 2.0 * np.pi * band[1])
+    start = max(low, min(LOWEST * _smallest(poles, longest), 0.5 * high))
+    body = adaptive_integral(on_axis, _edges(poles, start, high, longest), tolerance=tolerance, floor=floor)
+    # Densities of what has a variance are flat below `start`; nearer to 0 they would be differences of rounding.
+    value, error, evaluations = body.value + on_axis(np.array([start]))[0] * (start - low), body.error, body.evaluations
+    if band is None:
+        floor = np.maximum(floor, np.abs(body.value))
+        single = _single_tail(solver, products, top, poles, tolerance, floor)
+        crossed = _crossed_tail(solver, products, top, tolerance, floor)
+        value = value + single[0] + crossed[0]
+        error = error + single[1] + crossed[1]
+        evaluations += single[2] + crossed[2]
     value, error = value / np.pi, error / np.pi
     n_v, n_r = len(value_list), len(rate_list)
     variances, rates, errors = np.full(count, np.nan), np.full(count, np.nan), np.full(count, np.nan)
@@ -147,7 +158,7 @@ def frequency_covariances(
     errors[value_list] = error[:n_v] / np.where(value[:n_v] > 0.0, value[:n_v], 1.0)
     return FrequencyCovariances(
         tuple(one.name for one in wanted), read_only_any(variances), read_only_any(rates),
-        read_only_any(value[n_v + n_r :]), read_only_any(errors), evaluations,
+        read_only_any(value[n_v + n_r :]), read_only_any(errors), evaluations, read_only_any(scales),
     )  # fmt: skip
 
 
@@ -200,6 +211,11 @@ def _poles(channel: RideChannel, processes: Sequence[Process], wanted: tuple[Obs
     )
 
 
+def _smallest(poles: _Complex, longest: float) -> float:
+    sizes = np.concatenate([np.abs(poles), np.abs(poles.real)])
+    return float(np.min(sizes[sizes > 0.0], initial=1.0 / longest if longest > 0.0 else np.inf))
+
+
 def _top(poles: _Complex) -> float:
     return 1.4 * max(float(np.max(np.abs(poles.imag), initial=0.0)), 0.2 * float(np.median(np.abs(poles))), 1e-3)
 
@@ -231,6 +247,28 @@ class _Solver:
     def apart(self, s: _Complex) -> list[_Complex]:
         """(N, outputs, delays) a source, without the delays."""
         return self._solve(s, [np.broadcast_to(d.mixture + 0j, (len(s), *d.mixture.shape)) for d in self.drives])
+
+    def scales(self, poles: _Complex) -> FloatArray:
+        """Deviations of the outputs were every guideway input on its own and nothing cancelled; a coarse integral."""
+        sizes = np.concatenate([np.abs(poles), np.abs(poles.imag)])
+        sizes = sizes[sizes > 0.0]
+        span = np.geomspace(0.1 * float(np.min(sizes, initial=1.0)), 10.0 * float(np.max(sizes, initial=1.0)), 60)
+        omega = np.unique(np.concatenate([span, sizes]))
+        s = 1j * omega
+        channel = self.channel
+        density = np.zeros((len(omega), len(channel.outputs)))
+        pencil = s[:, None, None] * np.eye(len(channel.A)) - channel.A
+        alone = np.abs(np.linalg.solve(pencil, channel.E_p / s[:, None, None] + channel.E_v))
+        alone = np.abs(channel.C) @ alone + np.abs(channel.D_p) / omega[:, None, None] + np.abs(channel.D_v)
+        for drive in self.drives:
+            if drive.process is None:
+                loads = np.broadcast_to(channel.E_n[:, [drive.noise]] + 0j, (len(s), len(channel.A), 1))
+                met = (np.abs(channel.C) @ np.abs(np.linalg.solve(pencil, loads)))[:, :, 0]
+            else:
+                met = alone @ np.abs(drive.mixture).sum(axis=1)
+            density += (met * np.abs(drive.rate_at(s))[:, None]) ** 2
+        gains = np.stack([np.ones(len(s)) if o.weighting is None else np.abs(o.weighting.at(s)) for o in self.wanted])
+        return np.asarray(np.sqrt(np.trapezoid(density[:, self.rows].T * gains**2, omega, axis=1) / np.pi))
 
     def _solve(self, s: _Complex, mixtures: list[_Complex]) -> list[_Complex]:
         channel = self.channel
@@ -305,7 +343,7 @@ def _single_tail(
 
     far = max(float(np.max(np.abs(poles), initial=top)) / top, 1.0)
     edges = np.concatenate([[0.0], np.geomspace(0.1 / far, 1.0, 4 + int(2.0 * np.log10(far)))])
-    found = adaptive_integral(beyond, edges, tolerance=tolerance, floor=np.abs(floor))
+    found = adaptive_integral(beyond, edges, tolerance=tolerance, floor=floor)
     return found.value, found.error, found.evaluations
 
 
@@ -345,5 +383,5 @@ def _crossed_tail(
     edges = np.concatenate(
         [[0.0], np.geomspace(min(top, 1.0 / longest), last, 3 + int(np.log2(max(2.0, last * longest))))]
     )
-    found = adaptive_integral(turned, np.unique(edges), tolerance=tolerance, floor=np.abs(floor))
+    found = adaptive_integral(turned, np.unique(edges), tolerance=tolerance, floor=floor)
     return found.value, found.error, found.evaluations

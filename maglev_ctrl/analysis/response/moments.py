@@ -9,7 +9,7 @@ import numpy as np
 
 from maglev_ctrl.analysis.response.channels import Process, RideChannel
 from maglev_ctrl.analysis.response.covariance import Covariances, covariances, modal_residues
-from maglev_ctrl.analysis.response.frequency import frequency_covariances, response_edges, spectral_density
+from maglev_ctrl.analysis.response.frequency import ZERO, frequency_covariances, response_edges, spectral_density
 from maglev_ctrl.analysis.response.sources import Observed
 from maglev_ctrl.arrays import FloatArray, read_only_any
 from maglev_ctrl.errors import Agreement
@@ -23,7 +23,8 @@ class Moments:
     """Standard deviations of N signals and of their rates, (N,), and covariances of P pairs.
 
     What does not exist, or is not settled by both methods, is NaN; `reasons` and `rate_reasons` (N,) say why. `exact`
-    and `integral` (N,) are what either method gives (NaN: not asked), `difference` (N,) relative.
+    and `integral` (N,) are what either method gives (NaN: not asked), `difference` (N,) relative. A signal in which
+    everything cancels but for rounding has the deviation 0.
     """
 
     names: tuple[str, ...]
@@ -106,7 +107,7 @@ def moments(
     confirmed = _confirmed(channel, processes, wanted, exact)
     return _compared(
         exact.names, (exact.variances, exact.rates, given), (integral.variances, integral.rates, crossed),
-        joined, reasons, rate_reasons, finite, finite_rates, confirmed,
+        joined, reasons, rate_reasons, finite, finite_rates, confirmed, integral.scales,
     )  # fmt: skip
 
 
@@ -120,10 +121,15 @@ def _compared(
     finite: list[bool],
     finite_rates: list[bool],
     confirmed: list[bool],
+    scales: FloatArray,
 ) -> Moments:
     count = len(names)
     values = [_roots(first[0], finite), _roots(second[0], finite)]
     speeds = [_roots(first[1], finite_rates), _roots(second[1], finite_rates)]
+    still = np.array([finite[i] and max(values[0][i], values[1][i]) <= ZERO * scales[i] for i in range(count)])
+    values, speeds = (
+        [read_only_any(np.where(still & np.isfinite(v), 0.0, v)) for v in two] for two in (values, speeds)
+    )
     difference, off = _difference(*values), _difference(*speeds)
     settled = [confirmed[i] if not finite[i] else bool(difference[i] <= SAME) for i in range(count)]
     told, told_rates = list(reasons), list(rate_reasons)
@@ -140,7 +146,9 @@ def _compared(
     crossed = np.array(first[2])
     for k, (i, j) in enumerate(pairs):
         scale = values[0][i] * values[0][j]
-        if not abs(first[2][k] - second[2][k]) <= SAME * scale:
+        if scale == 0.0:
+            crossed[k] = 0.0
+        elif not abs(first[2][k] - second[2][k]) <= SAME * scale:
             crossed[k] = np.nan
     return Moments(
         names, read_only_any(deviations), read_only_any(rates), read_only_any(crossed), values[0], values[1],
@@ -190,7 +198,7 @@ def _over_band(
     blank = ("",) * count
     return _compared(
         names, modal, (integral.variances, integral.rates, integral.pairs), pairs, blank, blank,
-        everything, everything, everything,
+        everything, everything, everything, integral.scales,
     )  # fmt: skip
 
 

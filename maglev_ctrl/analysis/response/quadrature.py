@@ -48,7 +48,7 @@ def adaptive_integral(
     tolerance: float,
     floor: FloatArray | float = 0.0,
     rounds: int = 48,
-    at_most: int = 400_000,
+    at_most: int = 150_000,
 ) -> Integral:
     """Integral of f from edges[0] to edges[-1], pieces halved until their errors are small.
 

@@ -41,7 +41,8 @@ class Source:
 
     x~' = A x~ + sum e_k g(t - delay_k), y = C x~ + sum d_k g(t - delay_k) + s_k h(t - delay_k), h' = g. The filter is
     (A, B, C_rate, through), with `poles` and `residues`; `static` is its gain at 0 (0 where h has a variance,
-    `bounded`), `early` the first slope C_rate B of its answer. `drift` (ny,) says that sum s_k is not zero.
+    `bounded`), `early` the first slope C_rate B of its answer. `drift` (ny,) says that sum s_k is not zero, `live`
+    (ny,) that an output is coupled to the inputs at all.
     """
 
     name: str
@@ -59,6 +60,7 @@ class Source:
     d: FloatArray
     s: FloatArray
     drift: NDArray[np.bool_]
+    live: NDArray[np.bool_]
 
     def rate_at(self, point: ComplexArray) -> ComplexArray:
         """Filter from white noise to rate at complex frequencies (n,)."""
@@ -104,10 +106,8 @@ def process_weights(channel: RideChannel, process: Process) -> tuple[FloatArray,
     ValueError : a process knows an input that the channel has not, or has none for one of the channel's
     """
     if set(process.names) != set(channel.guideway):
-        odd = sorted(set(process.names) ^ set(channel.guideway))[0]
-        raise ValueError(
-            f"process {process.name!r}: expected the inputs {', '.join(channel.guideway)}; {odd!r} is not on both sides"
-        )
+        known, got = ", ".join(channel.guideway), ", ".join(process.names)
+        raise ValueError(f"process {process.name!r}: expected the inputs {known}, got {got}")
     used = [i for i in range(len(process.names)) if process.weights[i] != 0.0]
     order = sorted(used, key=lambda i: float(process.delays[i]))
     nodes: list[float] = []
@@ -128,7 +128,9 @@ def _process_source(
 ) -> Source:
     delays, mixture = process_weights(channel, process)
     filtered = process.shaping
-    s = static @ mixture
+    met = np.any(mixture, axis=1)
+    live = _reached(channel, met)
+    s = np.where(live[:, None], static @ mixture, 0.0)
     parts = (size @ np.abs(mixture)).sum(axis=1)
     drift = np.abs(s.sum(axis=1)) > STILL * parts
     s[~drift, -1] -= s[~drift].sum(axis=1)
@@ -142,8 +144,21 @@ def _process_source(
     return Source(
         process.name, filtered.A, filtered.B, filtered.C_rate, through, poles, residues, gain, bounded,
         float((filtered.C_rate @ filtered.B)[0, 0]) if len(filtered.A) else 0.0,
-        delays, rates @ mixture, channel.D_v @ mixture, s, drift,
+        delays, rates @ mixture, channel.D_v @ mixture, s, drift, live,
     )  # fmt: skip
+
+
+def _reached(channel: RideChannel, met: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Outputs to which a path of entries that are not zero leads from the inputs met."""
+    moved = np.any(channel.E_p[:, met], axis=1) | np.any(channel.E_v[:, met], axis=1)
+    pattern = channel.A != 0.0
+    while True:
+        further = moved | (pattern & moved).any(axis=1)
+        if np.array_equal(further, moved):
+            break
+        moved = further
+    direct = np.any(channel.D_p[:, met], axis=1) | np.any(channel.D_v[:, met], axis=1)
+    return np.asarray(direct | np.any(channel.C[:, moved], axis=1))
 
 
 def _noise_source(channel: RideChannel, index: int) -> Source:
@@ -152,7 +167,7 @@ def _noise_source(channel: RideChannel, index: int) -> Source:
     return Source(
         channel.noises[index], *nothing, 1.0, np.zeros(0, dtype=complex), np.zeros(0, dtype=complex), 0.0, True, 0.0,
         np.zeros(1), channel.E_n[:, index : index + 1], channel.D_n[:, index : index + 1], np.zeros((outputs, 1)),
-        np.zeros(outputs, dtype=bool),
+        np.zeros(outputs, dtype=bool), np.ones(outputs, dtype=bool),
     )  # fmt: skip
 
 
