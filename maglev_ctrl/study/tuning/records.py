@@ -44,7 +44,8 @@ class TunedOption:
     `front` (p, m): objectives (SI) of the candidates that no other betters and that meet every hard requirement the
     loop can judge, sorted by the first objective; `front_variables` (p, v). Where none meets them `front` holds the
     best found alone, `feasible` is False, and `binding` names the requirement that it misses by most (`violation`,
-    relative to its limit). An option without variables has one candidate: itself.
+    relative to its limit). An option without variables has one candidate: itself. With a `reason` the front is empty,
+    and `chosen` and `knee` are -1.
     """
 
     option: str
@@ -94,9 +95,15 @@ class RankingShift:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class TuningStudy:
-    """All options' searches side by side."""
+    """All options' searches side by side.
+
+    `in_loop`: the hard requirements every candidate had to meet; `after`: those that only the full study of the chosen
+    candidates judges.
+    """
 
     method: str
+    in_loop: tuple[str, ...]
+    after: tuple[str, ...]
     objectives: tuple[ObjectiveAxis, ...]
     situations: tuple[str, ...]  # the operating set every candidate is judged over
     options: tuple[TunedOption, ...]
