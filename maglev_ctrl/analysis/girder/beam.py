@@ -185,7 +185,7 @@ def sine_response(
     """Amplitude and rate of every mode from rest under sin(phase + drive t), after times `elapsed` (..., modes or 1).
 
     By complex numbers: exp(i W t) turned on at zero leaves (exp(i W t) - exp(s t))/(i W - s) in a mode with the root
-    s, which is t exp(s t) (e^z - 1)/z with z = (i W - s) t, well conditioned at resonance too.
+    s, which near resonance is t exp(s t) (e^z - 1)/z with z = (i W - s) t, well conditioned there too.
     """
     w, zeta = girder.frequencies, girder.damping_ratio
     damped = w * np.sqrt(1.0 - zeta**2)
@@ -193,8 +193,12 @@ def sine_response(
     turned = np.exp(1j * np.asarray(phase))
     parts = []
     for s in (root, root.conj()):
-        z = (1j * drive - s) * elapsed
-        parts.append(turned * elapsed * np.exp(s * elapsed) * _relative_exponential(z))
+        apart = 1j * drive - s
+        z = apart * elapsed
+        near = np.abs(z) < 1.0
+        resonant = elapsed * np.exp(s * elapsed) * _relative_exponential(np.where(near, z, 0.0))
+        away = (np.exp(1j * drive * elapsed) - np.exp(s * elapsed)) / np.where(near, 1.0, apart)
+        parts.append(turned * np.where(near, resonant, away))
     position = (parts[0] - parts[1]) / (2j * damped)
     rate = (root * parts[0] - root.conj() * parts[1]) / (2j * damped)
     return np.asarray(position.imag), np.asarray(rate.imag)

@@ -36,10 +36,11 @@ class CoupledPassage:
     """A vehicle on bending girders at one speed (m/s), in the steady state that repeats itself with every span.
 
     `period` s from one entry to the next; `times` (k,) s and `values` (outputs, k) of `names` over it; `peaks`
-    (outputs,) largest moduli. `life` (l,) s since the front entered a girder and `midspan` (l,) m its deflection
-    downwards until the rear leaves, `deflection` the largest, `impact` that over the largest static one of the same
-    loads. `multipliers` of the map from entry to entry, largest first; `growth_rate` 1/s; `stable` is None within the
-    error. All but the multipliers are NaN where the system is not stable. `difference` of the two integrations.
+    (outputs,) the largest moduli among them (twelve values per step). `life` (l,) s since the front entered a girder
+    and `midspan` (l,) m its deflection downwards until the rear leaves, `deflection` the largest, `impact` that over
+    the largest static one of the same loads. `multipliers` of the map from entry to entry, largest first;
+    `growth_rate` 1/s; `stable` is None within the error. All but the multipliers are NaN or empty where the system is
+    not stable. `difference` of the two integrations.
     """
 
     speed: float

@@ -15,6 +15,7 @@ from scipy import linalg
 
 from maglev_ctrl.analysis.girder.shapes import PieceShape
 from maglev_ctrl.arrays import FloatArray, read_only_any
+from maglev_ctrl.kernels import balance, rescale
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -89,11 +90,11 @@ class DrivenPiece:
 
     def after(self, state: FloatArray, time: float) -> FloatArray:
         """State and powers at a time within the piece, from the state at its start."""
-        return np.asarray(linalg.expm(self.joined * (time - self.start)) @ self.lifted(state))
+        return np.asarray(balanced_exponential(self.joined * (time - self.start)) @ self.lifted(state))
 
     def sampled(self, state: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
         """Outputs (p, count) at evenly spaced times from the start to the end, and the state at the end."""
-        step = linalg.expm(self.joined * ((self.end - self.start) / (count - 1)))
+        step = balanced_exponential(self.joined * ((self.end - self.start) / (count - 1)))
         track = np.empty((len(self.joined), count))
         track[:, 0] = self.lifted(state)
         for k in range(1, count):
@@ -149,7 +150,7 @@ def periodic_solution(system: DrivenSystem, times: FloatArray) -> PeriodicSoluti
     maps = []
     for piece in pieces:
         entering = system.E_v @ system.steps_at(piece.start, within=1e-9 * period)
-        X = linalg.expm(piece.joined * (piece.end - piece.start))
+        X = balanced_exponential(piece.joined * (piece.end - piece.start))
         push = X[:n, n]
         maps.append((X[:n, :n], push, entering))
         total, added = X[:n, :n] @ total, X[:n, :n] @ (added + entering) + push
@@ -160,6 +161,12 @@ def periodic_solution(system: DrivenSystem, times: FloatArray) -> PeriodicSoluti
         states.append(state)
         state = X @ state + push
     return PeriodicSolution(pieces, read_only_any(np.array(states)))
+
+
+def balanced_exponential(matrix: FloatArray) -> FloatArray:
+    """exp of a matrix whose states have units of very different size: the error is small in each unit."""
+    scale = balance(np.abs(matrix))
+    return np.asarray(linalg.expm(rescale(matrix, scale)) * scale[:, None] / scale)
 
 
 def _powers_from_start(part: FloatArray, size: int) -> FloatArray:

@@ -17,7 +17,7 @@ from maglev_ctrl.kernels import balance
 
 STAGES: Final = 12
 _TURN: Final = 3.0  # fastest frequency times the step
-_SHOWN: Final = 24  # values per step, of the collocation polynomial
+_SHOWN: Final = 12  # values per step, of the collocation polynomial
 _MOST_EVALUATIONS: Final = 60_000
 
 
@@ -44,11 +44,14 @@ class PassageMap:
         to_shown, shown = _interpolation()
         joined = np.append(state, 1.0)
         times, values, girders = [], [], []
+        last = len(self.starts) - 1
         for k, (start, step) in enumerate(zip(self.starts, self.steps, strict=True)):
             track = np.column_stack([joined, (self.stages[k] @ joined).T])
             along = track @ to_shown.T
             joined = self.maps[k] @ joined
             at = start + step * shown
+            if k == last:
+                along, at = np.column_stack([along, joined]), np.append(at, start + step)
             for t, z in zip(at, along.T, strict=True):
                 W, w, R, r = system.surface(float(t), middle=float(self.middles[k]))
                 g = z[n:-1]

@@ -31,7 +31,7 @@ from maglev_ctrl.systems import SecondOrderSystem
 
 SAME: Final = 1e-8
 """Two methods agree where outputs differ by less than this share of their peak."""
-TAIL: Final = 1e-10  # of an output's peak: what the harmonics left out may add
+TAIL: Final = 1e-9  # of an output's peak: what the harmonics left out may add
 FEWEST, MOST = 128, 1 << 15
 _GROWTH = 1e4  # (|A|/W)^m: digits that closed terms may cost
 _PER_PIECE = 33

@@ -260,7 +260,8 @@ def _projected(values: FloatArray, node: FloatArray, weight: FloatArray) -> Floa
 
 
 def _trimmed(coefficients: FloatArray) -> FloatArray:
+    # What rounding leaves at high degrees would be blown up by powers of the position.
     size = float(np.max(np.abs(coefficients)))
-    held = np.flatnonzero(np.max(np.abs(coefficients), axis=0) > 1e-16 * size)
+    held = np.flatnonzero(np.max(np.abs(coefficients), axis=0) > 1e-14 * size)
     last = int(held[-1]) if held.size else 0
     return read_only(coefficients[:, : last + 1], name="coefficients")
