@@ -137,7 +137,7 @@ class Bounds:
     def _flux(self, winding: Winding, node: Node) -> FloatArray:
         """Flux density above a winding's limit, (r,) T."""
         path = winding.model.path(node.rates.places[:, 0, winding.member])
-        linked = winding.model.flux_density(0.0) * winding.model.path(0.0) / float(winding.model.current)
+        linked = winding.model.flux_density(1.0) * winding.model.path(1.0) / float(winding.model.current)
         current = np.abs(winding.current + node.currents[:, self.saturating.index(winding)])
         return np.asarray(linked * current / path - (winding.limit or np.inf))
 

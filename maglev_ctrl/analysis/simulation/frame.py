@@ -99,8 +99,9 @@ class Frame:
         vector = (q @ self.turns).reshape(-1, b, 3)
         angle = np.sqrt(np.einsum("rbi,rbi->rb", vector, vector))
         cross = (vector @ _CROSS.reshape(3, 9)).reshape(-1, b, 3, 3)
-        first = np.sinc(angle / np.pi)[..., None, None]
-        second = (0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2)[..., None, None]
+        safe = np.maximum(angle, 1e-150)  # the quotients keep the small-angle limit
+        first = (np.sin(safe) / safe)[..., None, None]
+        second = (2.0 * (np.sin(0.5 * safe) / safe) ** 2)[..., None, None]
         rotation = first * cross + second * (cross @ cross)
         return np.asarray(self.lever + (rotation.reshape(len(q), 9 * b) @ self.rotated).reshape(len(q), 3, -1))
 

@@ -20,8 +20,9 @@ from maglev_ctrl.guideway import Modulation
 CHUNK = 400_000
 """Numbers of guideway displacements that are found at a time."""
 
-RESOLVES = 2
-"""Corrections of a command through measured accelerations; forces are nearly linear in commands."""
+RESOLVES = 4
+RESOLVED = 1e-9
+"""Corrections of a command through measured accelerations, and what may be left; forces are nearly linear in it."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -162,18 +163,21 @@ class Integration:
         y = still + rates.acceleration @ law.readings.acceleration
         command = law.command(states, y)
         if law.unlooped is not None:
-            # The readings above are without the immediate commands, which add to them; forces may be nonlinear in
-            # a command, so that the linear solution is corrected.
+            # The readings above are without the immediate commands, which add to them.
             command = command @ law.unlooped.T
-            for _ in range(RESOLVES):
-                rates = equations.rates(q, v, xi, self._with(given, command, law), *ground, factor)
-                y = still + rates.acceleration @ law.readings.acceleration
-                free = np.all(equations.saturated(self._spread(command, law)) == self._spread(command, law), axis=1)
-                change = (law.command(states, y) - command) @ law.unlooped.T
-                command = command + np.where(free[:, None], change, 0.0)
         if np.any(law.immediate):
             rates = equations.rates(q, v, xi, self._with(given, command, law), *ground, factor)
             y = still + rates.acceleration @ law.readings.acceleration
+            for _ in range(RESOLVES if law.unlooped is not None else 0):
+                left = law.command(states, y) - command
+                spread = self._spread(command, law)
+                # A command at its limit does not act back on the readings; it stays as the linear loop has it.
+                left[np.any(equations.saturated(spread) != spread, axis=1)] = 0.0
+                if np.max(np.abs(left)) <= RESOLVED * np.max(np.abs(command)):
+                    break
+                command = command + left @ law.unlooped.T
+                rates = equations.rates(q, v, xi, self._with(given, command, law), *ground, factor)
+                y = still + rates.acceleration @ law.readings.acceleration
         return _Slope(self._change(v, rates, law.change(states, y)), rates, command)
 
     def _spread(self, command: FloatArray, law: Law) -> FloatArray:

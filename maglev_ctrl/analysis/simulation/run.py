@@ -28,7 +28,7 @@ STEP_SHARE = 0.5
 MAXIMUM_HALVINGS = 5
 
 CHECKED_SHARE = 0.1
-CHECKED_LEAST = 1.0
+CHECKED_LEAST = 0.3
 """How much of the duration, and at least how many seconds, a run with half the step is compared over."""
 
 STILL = 1e-9
@@ -156,8 +156,12 @@ def _tracks(track: Track | Sequence[Track] | None, runs: int) -> tuple[Track, ..
     if isinstance(track, Sequence):
         if len(track) not in (1, runs):
             raise ValueError(f"track: expected one, or one for each of {runs} runs, got {len(track)}")
-        return tuple(track)
-    return (track,)
+        given = tuple(track)
+    else:
+        given = (track,)
+    if len(given) < runs and getattr(given[0], "responds", False):
+        raise ValueError(f"track: expected one for each of {runs} runs, because it moves with the vehicle, got one")
+    return given
 
 
 def _starting(
