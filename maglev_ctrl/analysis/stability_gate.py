@@ -31,6 +31,7 @@ _LINE_ERROR = 1e-7
 _LOW_GAIN = 0.1
 _SMALL_GAIN = 0.9
 _NO_GAIN = 2e-3
+_STARTS = 8
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -214,6 +215,7 @@ def _close_delayed(loop: Loop) -> ClosedLoop:
     )
     bound = added_gain.upper * error
     if not bound < 1.0:
+        _refuse_exact_pole(loop, poles)
         raise ModelError(
             f"stability with delays cannot be proven: the loop is active up to {edge:.4g} rad/s, where the delay "
             f"turns by {edge * float(np.max(loop.delays)):.3g} rad (proof needs {bound:.3g} < 1)"
@@ -224,6 +226,15 @@ def _close_delayed(loop: Loop) -> ClosedLoop:
     quiet = hamiltonian_frequencies(loop.A, B, C, D, max(_NO_GAIN, 1.001 * feedthrough))
     reach = max(edge, float(np.max(quiet, initial=0.0)))
     return ClosedLoop(loop, *balanced_realisation(A_s, B_s, C_s), D_s, poles, edge, reach, low_gain == _LOW_GAIN)
+
+
+def _refuse_exact_pole(loop: Loop, poles: ComplexArray) -> None:
+    """One unstable pole of the exact loop, found from those of the stand-in, is proof enough that it is not stable."""
+    unstable = poles[poles.real > 0.0]
+    for start in unstable[np.argsort(np.abs(unstable))][:_STARTS]:
+        found = pole_near(loop, complex(start), iterations=30)
+        if found.residual <= 1e-10 and found.pole.real > 1e-6 * abs(found.pole):
+            raise NotStable(_unstable_message(found.pole, None, on_axis=False))
 
 
 def _channel_scales(loop: Loop) -> FloatArray:

@@ -9,7 +9,7 @@ from maglev_ctrl.analysis.hamiltonian import response
 from maglev_ctrl.analysis.loops import Loop
 from maglev_ctrl.analysis.margins import loop_margins
 from maglev_ctrl.analysis.structured import mu_lower, mu_upper, phases_from_scaling, scaled
-from maglev_ctrl.analysis.structured_peak import without, structured_peak
+from maglev_ctrl.analysis.structured_peak import structured_peak, without
 from maglev_ctrl.arrays import ComplexArray
 
 

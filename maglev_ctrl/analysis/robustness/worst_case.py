@@ -87,12 +87,12 @@ def worst_case(
 
 
 def _verdict(loop: UncertainLoop, bounds: FactorBounds, growth: WorstPoint, deadline: float) -> tuple[Verdict, str]:
+    if bounds.found <= 1.0 or (growth.verified and growth.value >= 0.0):
+        return Verdict.FAIL, "an unstable combination lies within the spreads"
     if bounds.limit < 1.0:
         return Verdict.NOT_EVALUATED, "a spread of 100 % or more lets a parameter fall to zero"
     if bounds.proven >= 1.0:
         return Verdict.PASS, ""
-    if bounds.found <= 1.0 or (growth.verified and growth.value >= 0.0):
-        return Verdict.FAIL, "an unstable combination lies within the spreads"
     outcome = prove_box(loop, factor=1.0, deadline=deadline)
     if outcome.stable:
         return Verdict.PASS, f"proven in {outcome.boxes} parts"
@@ -122,7 +122,7 @@ def _worst_growth(
 def _worst_damping(
     loop: UncertainLoop, points: FloatArray, spread: float, state_matrix: Callable[[FloatArray], FloatArray]
 ) -> WorstPoint:
-    nominal, _ = least_damped(np.linalg.eigvals(loop.A) + 0j)
+    nominal, _ = least_damped(np.linalg.eigvals(loop.A).astype(np.complex128))
     ratios = least_damping_ratios(loop, points)
     if not np.any(np.isfinite(ratios)) and not np.isfinite(nominal):
         return _nothing(loop, "no mode oscillates")
@@ -130,7 +130,7 @@ def _worst_damping(
     found = [(float(ratios[order[0]]), points[order[0]])]
     found += [smallest_damping(loop, points[k], size=spread) for k in order if np.isfinite(ratios[k])]
     value, changes = min(found, key=lambda pair: pair[0])
-    again, frequency = least_damped(np.linalg.eigvals(state_matrix(changes)) + 0j)
+    again, frequency = least_damped(np.linalg.eigvals(state_matrix(changes)).astype(np.complex128))
     return _point(loop, nominal, value, changes, frequency, abs(again - value) <= _SAME, "")
 
 
