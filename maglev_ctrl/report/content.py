@@ -8,6 +8,8 @@ from maglev_ctrl._version import __version__
 from maglev_ctrl.errors import Verdict
 from maglev_ctrl.report.charts_comparison import options_over_speed
 from maglev_ctrl.report.charts_margins import margin_bars, requirement_names
+from maglev_ctrl.report.comparison.ride_chart import ride_side_by_side
+from maglev_ctrl.report.comparison.tuning import tuning_section
 from maglev_ctrl.report.content_method import method_words
 from maglev_ctrl.report.content_option import option_section, requirement_table
 from maglev_ctrl.report.findings import key_findings, leading_option
@@ -36,6 +38,8 @@ def report_model(comparison: Comparison) -> Report:
     sections = [_summary(comparison)]
     if len(comparison.options) > 1:
         sections.append(_comparison(comparison))
+    if comparison.tuning is not None:
+        sections.append(tuning_section(comparison.tuning))
     for group in options:
         sections.extend(group)
     sections += [_method(comparison), _provenance(comparison), _scenario(comparison)]
@@ -82,9 +86,8 @@ def _banner_words(comparison: Comparison) -> str:
 
 def _comparison(comparison: Comparison) -> Section:
     blocks: list[Block] = [_verdict_matrix(comparison), _value_table(comparison)]
-    bars = margin_bars(comparison)
-    speed = options_over_speed(comparison)
-    blocks += [FigureBlock(chart) for chart in (bars, speed) if chart is not None]
+    charts = (margin_bars(comparison), options_over_speed(comparison), ride_side_by_side(comparison))
+    blocks += [FigureBlock(chart) for chart in charts if chart is not None]
     return Section("Comparison of options", "comparison", 1, tuple(blocks))
 
 

@@ -16,10 +16,9 @@ from maglev_ctrl.study.records import OptionStudy
 
 _MOST_PARAMETERS: Final = 16
 _STABLE: Final[dict[Verdict, str]] = {
-    Verdict.PASS: "Stability is proven for every combination of the parameters within their spreads.",
-    Verdict.FAIL: "A combination of the parameters within their spreads is unstable; it was found and replayed.",
-    Verdict.NOT_EVALUATED: "Neither is stability proven for every combination of the parameters within their spreads, "
-    "nor was an unstable one found.",
+    Verdict.PASS: "Stability is proven for every combination of the parameters within their spreads",
+    Verdict.FAIL: "A combination of the parameters within their spreads is unstable",
+    Verdict.NOT_EVALUATED: "It is not known whether every combination of the parameters within their spreads is stable",
 }
 
 
@@ -29,9 +28,9 @@ def robustness_blocks(option: OptionStudy) -> list[Block]:
     if found is None:
         reason = option.robustness_reason
         return [Paragraph(f"Worst cases were not evaluated: {reason}")] if reason else []
-    why = f" {found.reason}" if found.reason else ""
+    why = f": {found.reason}" if found.reason else ""
     blocks: list[Block] = [
-        Banner(found.stable, _STABLE[found.stable] + why), Paragraph(factor_words(found.factor)),
+        Banner(found.stable, f"{_STABLE[found.stable]}{why}."), Paragraph(factor_words(found.factor)),
         _value_table(option.label, found), _parameter_table(option.label, found),
     ]  # fmt: skip
     told = [f"{name}: {point.reason}" for name, point in _points(found) if point.reason]
@@ -59,7 +58,7 @@ def factor_words(factor: FactorBounds) -> str:
         if factor.agreement is Agreement.AGREED
         else "The two do not meet: the true factor lies between them, and only the guaranteed one may be relied on."
     )
-    why = f" {factor.reason}" if factor.reason else ""
+    why = f" {factor.reason[0].upper()}{factor.reason[1:]}." if factor.reason else ""
     return f"{guaranteed}. {found[0].upper()}{found[1:]}. {between}{why}"
 
 

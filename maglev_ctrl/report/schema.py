@@ -4,20 +4,9 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-_NUMBER: Final = {
-    "anyOf": [{"type": "number"}, {"enum": ["NaN", "Infinity", "-Infinity"]}],
-    "description": "a finite number, or the word for one that is not finite",
-}
+from maglev_ctrl.report.schema_ride import OPTION_PARTS, TUNING, quantity
+
 _VERDICT: Final = {"enum": ["PASS", "FAIL", "NOT EVALUATED"]}
-
-
-def _quantity(words: str) -> dict[str, Any]:
-    return {
-        "type": "object",
-        "description": words,
-        "required": ["value", "unit"],
-        "properties": {"value": _NUMBER, "unit": {"type": "string"}},
-    }
 
 
 _REQUIREMENT: Final = {
@@ -26,14 +15,16 @@ _REQUIREMENT: Final = {
                  "method", "reason", "bound"],
     "properties": {
         "sense": {"enum": ["at_least", "at_most"]},
-        "limit": _quantity("the limit asked for"),
-        "value": _quantity("the value found; NaN when not evaluated"),
-        "margin_percent": _quantity("distance inside the limit, per cent of the limit"),
+        "limit": quantity("the limit asked for"),
+        "value": quantity("the value found; NaN when not evaluated"),
+        "margin_percent": quantity("distance inside the limit, per cent of the limit"),
         "verdict": _VERDICT,
         "worst_at": {"type": "string", "description": "operating point that decides"},
         "reason": {"type": "string", "description": "why it failed or could not be evaluated, or what a "
                    "passing bound is a bound of; otherwise empty"},
         "bound": {"enum": ["exact", "lower", "upper"], "description": "lower: the true value is at least `value`"},
+        "hard": {"type": "boolean", "description": "false: a wish, whose missing fails nothing; absent in files of "
+                 "earlier versions, where all are hard"},
     },
 }  # fmt: skip
 
@@ -45,14 +36,14 @@ _PERIODIC_MARGIN: Final = {
                  "missed_width", "sought", "reason"],
     "properties": {
         "quantity": {"enum": ["depth", "gain factor", "speed"]},
-        "nominal": _quantity("the design's own value"),
-        "limit": _quantity("where the search ended"),
-        "safe": _quantity("stable as far as this"),
-        "unsafe": _quantity("unstable here"),
+        "nominal": quantity("the design's own value"),
+        "limit": quantity("where the search ended"),
+        "safe": quantity("stable as far as this"),
+        "unsafe": quantity("unstable here"),
         "bound": {"enum": ["exact", "lower", "upper"], "description": "lower: stable as far as `safe` at least; upper: "
                   "lost at `unsafe` at the latest"},
         "agreement": {"enum": ["AGREED", "UNRESOLVED"]},
-        "missed_width": _quantity("an unstable interval narrower than this may be missed unless it is one of `sought`; "
+        "missed_width": quantity("an unstable interval narrower than this may be missed unless it is one of `sought`; "
                                   "a ratio - 1 for the gain factor"),
         "reason": {"type": "string"},
     },
@@ -91,8 +82,9 @@ SCHEMA: Final[dict[str, Any]] = {
         "scenario_text": {"type": "string"},
         "versions": {"type": "array", "items": {"type": "array", "items": {"type": "string"}}},
         "created": {"type": "string", "description": "ISO 8601, UTC"},
-        "design_speed": _quantity("design speed"),
-        "design_height": _quantity("levitation height at the design point"),
+        "design_speed": quantity("design speed"),
+        "design_height": quantity("levitation height at the design point"),
+        "tuning": TUNING,
         "options": {
             "type": "array",
             "items": {
@@ -102,7 +94,7 @@ SCHEMA: Final[dict[str, Any]] = {
                              "sweeps"],
                 "properties": {
                     "verdict": _VERDICT, "requirements": {"type": "array", "items": _REQUIREMENT},
-                    "floquet": {"anyOf": [{"type": "null"}, _FLOQUET]},
+                    "floquet": {"anyOf": [{"type": "null"}, _FLOQUET]}, **OPTION_PARTS,
                 },
             },
         },

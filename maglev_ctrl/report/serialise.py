@@ -16,6 +16,8 @@ from typing import Any, Final
 import numpy as np
 
 from maglev_ctrl.analysis.margins import MarginValue
+from maglev_ctrl.analysis.robustness.records import WorstPoint
+from maglev_ctrl.report.units_ride import UNITS_RIDE
 from maglev_ctrl.study.records import Comparison, OptionStudy
 from maglev_ctrl.systems import SecondOrderSystem
 
@@ -54,6 +56,7 @@ UNITS: Final[dict[str, str]] = {
     "Floquet.error_bound": "1/s", "EngineRecord.exponents": "1/s", "Resonance.detuning": "rad/s",
     "Equilibrium.unbalanced": "N", "Equilibrium.preloads": "N", "MagnetForces.lift": "N",
     "SoughtTongue.growth": "1/s", "MagnetForces.guidance": "N", "MagnetForces.drag": "N",
+    **UNITS_RIDE,
 }  # fmt: skip
 
 # Left out: matrices that the scenario rebuilds, and working copies that repeat what stands elsewhere.
@@ -123,6 +126,8 @@ def _record(value: Any) -> dict[str, Any]:
         unit = _unit(value, key)
         if isinstance(content, MarginValue):
             out[entry.name] = {**plain(content), "unit": unit or "factor"}
+        elif isinstance(content, WorstPoint):
+            out[entry.name] = {**plain(content), "unit": unit or ""}
         else:
             out[entry.name] = plain(content) if unit is None else {"value": plain(content), "unit": unit}
     if isinstance(value, OptionStudy):
@@ -131,7 +136,7 @@ def _record(value: Any) -> dict[str, Any]:
 
 
 def _unit(value: Any, key: str) -> str | None:
-    """Unit of a field; requirements, sweeps and springs carry theirs along."""
+    """Unit of a field; requirements, sweeps, signals and springs carry theirs along."""
     owner, _, name = key.partition(".")
     match owner:
         case "RequirementResult" if name in ("limit", "value"):
@@ -142,6 +147,14 @@ def _unit(value: Any, key: str) -> str | None:
             return _SWEEP_UNITS[value.parameter]
         case "PeriodicMargin" if name in ("nominal", "limit", "safe", "unsafe", "missed_width"):
             return _PERIODIC_UNITS[value.quantity]
+        case "Compared" if name in ("linear", "nonlinear", "low", "high"):
+            return str(value.unit)
+        case "SimulatedSignal" if name == "values":
+            return str(value.unit)
+        case "SignalStatistics" if name in ("deviation", "by_lyapunov", "by_frequency"):
+            return str(value.unit)
+        case "SignalStatistics" if name == "rate":
+            return f"{value.unit}/s"
         case "SpringDamper" if name == "stiffness":
             return "N*m/rad" if value.angular else "N/m"
         case "SpringDamper" if name == "damping":

@@ -248,7 +248,9 @@ def tuning() -> TuningStudy:
     )
     situations = ("design point", "100 km/h", "550 km/h, payload 0 t")
     return TuningStudy(
-        "NSGA-II, population 24, 25 generations", axes, situations, options, ranking, shifts, 185.0
+        method="NSGA-II, population 24, 25 generations", in_loop=("stable", "damping", "disk", "ride"),
+        after=("modulation",), objectives=axes, situations=situations, options=options, ranking=ranking, shifts=shifts,
+        seconds=185.0,
     )  # fmt: skip
 
 

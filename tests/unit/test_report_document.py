@@ -160,7 +160,8 @@ def test_json_obeys_its_schema_and_a_broken_one_does_not(written: dict[str, byte
 
 def _faults(schema: dict[str, Any], value: Any, at: str = "$") -> list[str]:
     """The few words of JSON Schema that ours uses."""
-    kinds = {"object": dict, "array": list, "string": str, "number": (int, float), "null": type(None)}
+    kinds = {"object": dict, "array": list, "string": str, "number": (int, float), "null": type(None),
+             "boolean": bool}  # fmt: skip
     if "anyOf" in schema:
         return [] if any(not _faults(s, value, at) for s in schema["anyOf"]) else [at]
     if "enum" in schema:
