@@ -177,6 +177,9 @@ def test_bands_add_up_and_agree_with_closed_forms():
     assert told.rates[0] ** 2 == pytest.approx(
         1e-4 * (2 * np.pi * (f2 - f1)) - a**2 * expected, rel=1e-8
     )  # finite over a band
+    quick = moments(channel, tracks, [Observed("speed")], band=(f1, f2), verified=False)
+    assert quick.settled == (False,)
+    assert quick.deviations[0] == pytest.approx(np.sqrt(expected), rel=1e-6)
     with pytest.raises(ValueError, match="band: expected"):
         frequency_covariances(channel, tracks, band=(3.0, 1.0))
 

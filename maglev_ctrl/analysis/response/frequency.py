@@ -24,6 +24,9 @@ TOLERANCE = 1e-8
 _Complex = NDArray[np.complexfloating[Any, Any]]
 _CHUNK = 400
 
+WELL_APART = 1e8
+"""Condition of the eigenvectors below which they may stand for a solve."""
+
 LOWEST = 1e-5
 """Share of the smallest pole, and of the inverse of the longest delay, below which nothing changes any more."""
 
@@ -80,6 +83,7 @@ def frequency_covariances(
     pairs: Sequence[tuple[int, int]] = (),
     band: tuple[float, float] | None = None,
     tolerance: float = TOLERANCE,
+    quick: bool = False,
 ) -> FrequencyCovariances:
     """Variances of outputs, of their rates, and covariances of pairs, over all frequencies or a band.
 
@@ -90,6 +94,8 @@ def frequency_covariances(
     pairs : (P,) of indices into `observed`, both with a variance
     band : f1, f2 in Hz; all frequencies when left out
     tolerance : relative
+    quick : take eigenvectors for the solves where they are well apart, some five times faster; then it is no longer
+        independent of them, and no `scales` are found
 
     Raises
     ------
@@ -124,7 +130,7 @@ def frequency_covariances(
         rate_list = [i for i in rate_list if finite[i]]
     products = [(i, i, 0) for i in value_list] + [(i, i, 1) for i in rate_list] + [(i, j, 0) for i, j in pairs]
     first, second, power = (np.array([p[k] for p in products], dtype=int) for k in range(3))
-    solver = _Solver(channel, _drives(channel, processes), wanted, rows)
+    solver = _Solver(channel, _drives(channel, processes), wanted, rows, quick=quick)
     poles = _poles(channel, processes, wanted)
     top = _top(poles)
     longest = max(
@@ -137,11 +143,12 @@ def frequency_covariances(
             values += np.real(answer[:, first] * answer[:, second].conj())
         return values * np.where(power == 1, omega[:, None] ** 2, 1.0)
 
-    scales = solver.scales(poles)
+    scales = np.zeros(count) if quick else solver.scales(poles)
     floor = (100.0 * ZERO**2 * scales[first] * scales[second]) * np.where(power == 1, np.max(np.abs(poles)) ** 2, 1.0)
     low, high = (0.0, top) if band is None else (2.0 * np.pi * band[0], 2.0 * np.pi * band[1])
     start = max(low, min(LOWEST * _smallest(poles, longest), 0.5 * high))
-    body = adaptive_integral(on_axis, _edges(poles, start, high, longest), tolerance=tolerance, floor=floor)
+    edges = _edges(poles, start, high, longest, coarse=quick)
+    body = adaptive_integral(on_axis, edges, tolerance=tolerance, floor=floor)
     # Densities of what has a variance are flat below `start`; nearer to 0 they would be differences of rounding.
     value, error, evaluations = body.value + on_axis(np.array([start]))[0] * (start - low), body.error, body.evaluations
     if band is None:
@@ -232,9 +239,21 @@ class _Solver:
     """Responses of the observed outputs to every white noise at complex frequencies."""
 
     def __init__(
-        self, channel: RideChannel, drives: list[_Drive], wanted: tuple[Observed, ...], rows: list[int]
+        self,
+        channel: RideChannel,
+        drives: list[_Drive],
+        wanted: tuple[Observed, ...],
+        rows: list[int],
+        *,
+        quick: bool = False,
     ) -> None:
         self.channel, self.drives, self.wanted, self.rows = channel, drives, wanted, rows
+        self.modes: tuple[_Complex, _Complex, _Complex] | None = None
+        if quick and len(channel.A):
+            poles, vectors = np.linalg.eig(channel.A)
+            if np.linalg.cond(vectors) < WELL_APART:
+                loads = np.linalg.solve(vectors, np.hstack([channel.E_p, channel.E_v, channel.E_n]))
+                self.modes = poles + 0j, (channel.C @ vectors).T + 0j, loads.T + 0j
         self.filters = list(dict.fromkeys(one.weighting for one in wanted if one.weighting is not None))
 
     def together(self, s: _Complex) -> list[_Complex]:
@@ -242,7 +261,34 @@ class _Solver:
         columns = [
             (drive.mixture @ np.exp(-s[:, None] * drive.delays)[..., None])[..., 0][..., None] for drive in self.drives
         ]
+        if self.modes is not None:
+            return self._by_modes(s, [column[:, :, 0] for column in columns])
         return [answer[:, :, 0] for answer in self._solve(s, columns)]
+
+    def _by_modes(self, s: _Complex, met: list[_Complex]) -> list[_Complex]:
+        """The same from modal coordinates, one column a source."""
+        assert self.modes is not None
+        channel, (poles, rows, loads) = self.channel, self.modes
+        n_w = len(channel.guideway)
+        resolvent, gains = 1.0 / (s[:, None] - poles), self._gains(s)
+        found: list[_Complex] = []
+        for drive, rate in zip(self.drives, met, strict=True):
+            if drive.process is None:
+                load, direct = loads[2 * n_w + drive.noise], np.asarray(channel.D_n[:, drive.noise] + 0j)
+            else:
+                shift = rate / s[:, None]
+                load = shift @ loads[:n_w] + rate @ loads[n_w : 2 * n_w]
+                direct = shift @ channel.D_p.T + rate @ channel.D_v.T
+            answer = (resolvent * load) @ rows + direct
+            found.append(answer[:, self.rows] * gains * drive.rate_at(s)[:, None])
+        return found
+
+    def _gains(self, s: _Complex) -> _Complex:
+        weights = [one.at(s) for one in self.filters]
+        one = np.ones_like(s)
+        return np.stack(
+            [one if o.weighting is None else weights[self.filters.index(o.weighting)] for o in self.wanted], axis=1
+        )
 
     def apart(self, s: _Complex) -> list[_Complex]:
         """(N, outputs, delays) a source, without the delays."""
@@ -291,12 +337,9 @@ class _Solver:
             pencil = here[:, None, None] * np.eye(len(channel.A)) - channel.A
             state = np.linalg.solve(pencil, np.concatenate(loads, axis=2) + 0j)
             answers[part] = channel.C @ state + np.concatenate(direct, axis=2)
-        weights = [one.at(s) for one in self.filters]
-        gains = np.stack(
-            [np.ones_like(s) if o.weighting is None else weights[self.filters.index(o.weighting)] for o in self.wanted],
-            axis=1,
-        )
-        found, start = [], 0
+        gains = self._gains(s)
+        found: list[_Complex] = []
+        start = 0
         for drive, width in zip(self.drives, widths, strict=True):
             block = answers[:, self.rows, start : start + width]
             found.append(block * gains[:, :, None] * drive.rate_at(s)[:, None, None])
@@ -304,20 +347,22 @@ class _Solver:
         return found
 
 
-def _edges(poles: _Complex, low: float, high: float, longest: float) -> FloatArray:
+def _edges(poles: _Complex, low: float, high: float, longest: float, *, coarse: bool = False) -> FloatArray:
     """First pieces: around every resonance, and not more than two beats of the longest delay."""
     steps = np.array([-125.0, -25.0, -5.0, -1.0, 0.0, 1.0, 5.0, 25.0, 125.0])
+    if coarse:
+        steps = np.array([-8.0, -1.0, 1.0, 8.0])
     around = np.abs(poles.imag)[:, None] + np.abs(poles.real)[:, None] * steps
     sizes = np.concatenate([np.abs(poles), np.abs(poles.real), [high]])
     smallest = float(np.min(sizes[sizes > 0.0]))
-    wide = np.geomspace(1e-4 * smallest, max(high, 2e-4 * smallest), 25)
+    wide = np.geomspace(1e-4 * smallest, max(high, 2e-4 * smallest), 8 if coarse else 25)
     points: FloatArray = np.concatenate([around.ravel(), wide]).astype(np.float64)
     points = np.unique(np.concatenate([[low, high], points[(points > low) & (points < high)]]))
     points = points[np.concatenate([[True], np.diff(points) > 1e-9 * points[1:]])]
     points[-1] = high
     if longest <= 0.0:
         return points
-    most = 4.0 * np.pi / longest
+    most = (12.0 if coarse else 4.0) * np.pi / longest
     pieces = np.maximum(np.ceil(np.diff(points) / most).astype(int), 1)
     cut = [np.linspace(a, b, k, endpoint=False) for a, b, k in zip(points[:-1], points[1:], pieces, strict=True)]
     return np.asarray(np.concatenate([*cut, [high]]), dtype=np.float64)

@@ -9,7 +9,13 @@ import numpy as np
 
 from maglev_ctrl.analysis.response.channels import Process, RideChannel
 from maglev_ctrl.analysis.response.covariance import Covariances, covariances, modal_residues
-from maglev_ctrl.analysis.response.frequency import ZERO, frequency_covariances, response_edges, spectral_density
+from maglev_ctrl.analysis.response.frequency import (
+    TOLERANCE,
+    ZERO,
+    frequency_covariances,
+    response_edges,
+    spectral_density,
+)
 from maglev_ctrl.analysis.response.sources import Observed
 from maglev_ctrl.arrays import FloatArray, read_only_any
 from maglev_ctrl.errors import Agreement
@@ -185,7 +191,15 @@ def _over_band(
     verified: bool,
 ) -> Moments:
     count = len(wanted)
-    integral = frequency_covariances(channel, processes, wanted, pairs=pairs, band=band)
+    integral = frequency_covariances(
+        channel,
+        processes,
+        wanted,
+        pairs=pairs,
+        band=band,
+        quick=not verified,
+        tolerance=TOLERANCE if verified else 1e-6,
+    )
     everything = [True] * count
     names = tuple(one.name for one in wanted)
     if not verified:

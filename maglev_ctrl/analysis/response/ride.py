@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -43,7 +44,7 @@ from maglev_ctrl.analysis.response.weighting import Weighting, comfort_class, ve
 from maglev_ctrl.arrays import FloatArray, read_only, read_only_any
 from maglev_ctrl.errors import Agreement
 from maglev_ctrl.guideway.correlation import TrackInputs
-from maglev_ctrl.guideway.shaping import shaping_filter
+from maglev_ctrl.guideway.shaping import ShapingFilter, shaping_filter
 from maglev_ctrl.guideway.spectra import Roughness
 from maglev_ctrl.systems import SecondOrderSystem
 from maglev_ctrl.systems.feedback import Controller
@@ -116,9 +117,9 @@ def ride_response(
     channel = ride_channel(system, controller, asked.signals, noises=noises)
     processes = track_processes(
         track,
-        vertical=None if vertical is None else shaping_filter(vertical, speed=speed),
-        cross_level=None if cross_level is None else shaping_filter(cross_level, speed=speed),
-        lateral=None if lateral is None else shaping_filter(lateral, speed=speed),
+        vertical=None if vertical is None else _shaped(vertical, speed),
+        cross_level=None if cross_level is None else _shaped(cross_level, speed),
+        lateral=None if lateral is None else _shaped(lateral, speed),
     )
     found = moments(channel, processes, asked.observed, pairs=asked.pairs, band=band, verified=verified)
     grid = third_octave_grid(0.1, 80.0) if frequency is None else read_only(frequency, name="frequency", shape=(None,))
@@ -143,6 +144,12 @@ def ride_response(
         signals=tuple(_signal(told, one) for one in signals),
         band=band,
     )  # fmt: skip
+
+
+@lru_cache(maxsize=64)
+def _shaped(roughness: Roughness, speed: float) -> ShapingFilter:
+    """A search asks for the same filter thousands of times."""
+    return shaping_filter(roughness, speed=speed)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
