@@ -16,11 +16,23 @@ from maglev_ctrl.analysis.girder.moving import moving_system
 from maglev_ctrl.analysis.girder.passage import by_collocation
 from maglev_ctrl.analysis.girder.passing import driven_system, passing_response
 from maglev_ctrl.analysis.girder.shapes import PieceShape, shifted_breaks
+from maglev_ctrl.analysis.girder.track import FlexibleGuideway
+from maglev_ctrl.analysis.simulation.run import simulate
 from maglev_ctrl.errors import Agreement, NotStable
 from maglev_ctrl.forces import ImageForce
 from maglev_ctrl.forces.electromagnet import Electromagnet
 from maglev_ctrl.systems import Controller
-from maglev_ctrl.vehicle import Actuator, Body, Magnet, OperatingPoint, Sensor, SpringDamper, Vehicle, models
+from maglev_ctrl.vehicle import (
+    Actuator,
+    Body,
+    Magnet,
+    OperatingPoint,
+    Sensor,
+    SpringDamper,
+    Vehicle,
+    equilibrium,
+    models,
+)
 from maglev_ctrl.vehicle.guideway_sources import girder_bow
 
 SPEED = 60.0
@@ -276,3 +288,24 @@ def test_what_does_not_fit_is_refused() -> None:
         vehicle_on_guideway(cart, OperatingPoint(30.0, 0.1), loads={"wheel": 1.0})
     assert vehicle_on_guideway(cart, OperatingPoint(30.0, 0.1), loads={"leg": 5.0}).weight.tolist() == [5.0]
     assert element_places(cart) == {"leg": 0.0}
+
+
+def test_the_nonlinear_simulation_on_a_bending_guideway_comes_to_the_same_passage() -> None:
+    """A stiff bridge keeps the motion small, so the linear passage is that of the simulation."""
+    coil = ImageForce(1e5, 1.0, 2.5e7, 0.02, 1.0)
+    legs = tuple(SpringDamper(f"leg{i}", "car", position=(x, 0.0, 0.0), damping=1e5) for i, x in enumerate((3.0, -3.0)))
+    vehicle = models.heave_pitch_surge(20e3, pitch_inertia=1e5, spacing=6.0, force=coil, reference_height=0.1)
+    body = Body("car", 20e3, inertia=(0.0, 1e5, 0.0), dofs=("heave", "pitch"))
+    vehicle = replace(vehicle, bodies=(body,), connections=legs)
+    state = equilibrium(vehicle, OperatingPoint(SPEED, 0.1))
+    on = vehicle_on_guideway(vehicle, state)
+    # The simulation tells the track what magnets load it with, and nothing of links.
+    lifting = np.array([name.startswith("magnet") for name in on.names])[:, None]
+    on = replace(on, by_state=on.by_state * lifting, by_guideway=on.by_guideway * lifting, by_rate=on.by_rate * lifting)
+    stiff = Girder(12.0, bending_stiffness=3e10, mass_per_length=3e4, damping_ratio=0.02, modes=2)
+    wanted = coupled_passage(on, stiff, speed=SPEED, outputs=["car.heave"], check=False).values[0]
+    track = FlexibleGuideway(stiff, speed=SPEED, support=3.0)
+    run = simulate(vehicle, state, duration=1.6, track=track, sampling=0.002, signals=("car.heave",), step=2e-3)
+    found = run.of("car.heave").ravel()[-101:]
+    assert np.min(found) == pytest.approx(np.min(wanted), rel=5e-3)
+    assert np.max(found) == pytest.approx(np.max(wanted), rel=5e-3)
