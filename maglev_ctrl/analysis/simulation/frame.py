@@ -28,8 +28,9 @@ class Frame:
 
     `carried` and `turned` (n, 3 k): translation and rotation of each point's body over the coordinates; `lever` (3, k)
     m in the posture; `rotated` (9 b, 3 k): what the bodies' rotation matrices make of the levers; `turns` (n, 3 b).
-    `shift` (3, k) of the posture itself. `ahead`, `sway_rows` (m), (n, m): the lateral motion of magnets in the
-    paper's kinematics, which ignores roll; None where it is the points' own.
+    `shift` (3, k) of the posture itself; `plain` (n, 3 k): all motion of the points with the levers of the posture.
+    `turning`: whether levers turn; `twists`: whether a link is angular. `sway_rows` (n, m): the lateral motion of the
+    magnets in the paper's kinematics, which ignores roll; None where it is the points' own.
     """
 
     carried: FloatArray
@@ -38,7 +39,9 @@ class Frame:
     rotated: FloatArray
     turns: FloatArray
     shift: FloatArray
+    plain: FloatArray
     turning: bool
+    twists: bool
     magnets: int
     pushes: int
     links: int
@@ -79,6 +82,8 @@ class Frame:
             rotated=read_only_any(rotated.reshape(9 * b, 3 * k)),
             turns=read_only_any(turns.reshape(n, 3 * b)),
             shift=read_only_any(here.shift[chosen].T),
+            plain=read_only_any(here.jacobian[chosen].transpose(2, 1, 0).reshape(n, 3 * k)),
+            twists=bool(np.any(known.angular[:links])),
             turning=bool(vehicle.geometric_stiffness and np.any(turns)),
             magnets=m,
             pushes=len(known.drag_factor),
@@ -107,19 +112,23 @@ class Frame:
 
     def shifts(self, q: FloatArray, lever: FloatArray) -> FloatArray:
         """Displacement of the points from the level posture, (r, 3, k)."""
-        moved = (q @ self.carried).reshape(len(q), 3, -1)
         if self.turning:
+            moved = (q @ self.carried).reshape(len(q), 3, -1)
             return np.asarray(self.shift + moved + (lever - self.lever))
-        return np.asarray(self.shift + moved + _crossed((q @ self.turned).reshape(len(q), 3, -1), self.lever))
+        return np.asarray(self.shift + (q @ self.plain).reshape(len(q), 3, -1))
 
     def velocities(self, v: FloatArray, lever: FloatArray) -> FloatArray:
         """Velocities of the points, (r, 3, k)."""
+        if not self.turning:
+            return np.asarray((v @ self.plain).reshape(len(v), 3, -1))
         moved = (v @ self.carried).reshape(len(v), 3, -1)
         return np.asarray(moved + _crossed((v @ self.turned).reshape(len(v), 3, -1), lever))
 
     def gathered(self, force: FloatArray, lever: FloatArray) -> FloatArray:
         """Generalised force (r, n) of forces (r, 3, k) at the points."""
         r = len(force)
+        if not self.turning:
+            return np.asarray(force.reshape(r, -1) @ self.plain.T)
         moment = _crossed(lever, force)
         return np.asarray(force.reshape(r, -1) @ self.carried.T + moment.reshape(r, -1) @ self.turned.T)
 
@@ -127,7 +136,7 @@ class Frame:
         """Components (r, l) along the links of their own ends' motion (r, 3, k) relative to their far ends'."""
         own = self.magnets + self.pushes
         ends = points[..., own : own + self.links] - self.apart * points[..., own + self.links :]
-        return np.asarray(np.sum(self.direction * ends, axis=-2))
+        return np.asarray((self.direction * ends).sum(axis=-2))
 
 
 def _crossed(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -175,7 +175,7 @@ class Integration:
                 left[np.any(equations.saturated(spread) != spread, axis=1)] = 0.0
                 if np.max(np.abs(left)) <= RESOLVED * np.max(np.abs(command)):
                     break
-                command = command + left @ law.unlooped.T
+                command = command + (left if law.unlooped is None else left @ law.unlooped.T)
                 rates = equations.rates(q, v, xi, self._with(given, command, law), *ground, factor)
                 y = still + rates.acceleration @ law.readings.acceleration
         return _Slope(self._change(v, rates, law.change(states, y)), rates, command)

@@ -15,17 +15,18 @@ from maglev_ctrl.guideway import Modulation
 from maglev_ctrl.systems import Controller, close_loop
 from maglev_ctrl.vehicle import Equilibrium, Vehicle, linearize
 
-AMPLITUDE = 1e-6
+AMPLITUDE = 1e-9
 """First displacements, relative to the reference height (per metre of the largest lever for rotations)."""
 
-LINEAR = 1e-3
-"""Displacements above this share of the reference height no longer count as small."""
+LINEAR = 1e-5
+"""Displacements above this share of the reference height no longer count as small: squares of them, which grow twice
+as fast, stay below what is told."""
 
 SAMPLES_PER_CYCLE = 8
-RANK = 1e-8
+RANK = 1e-6
 """Singular values of the samples below this, relative to the largest, are taken for rounding and curvature."""
 
-SIGNIFICANT = 1e-4
+SIGNIFICANT = 1e-3
 """Least share of a mode in the motion, anywhere in the window, for it to be told."""
 
 DEPTH = 3

@@ -239,7 +239,7 @@ class Equations:
         ahead = self.magnets.speed + velocity[:, 0, m:own]
         force[:, 0, m:own] = self.push - self.drag_factor * ahead * np.abs(ahead)
         strokes, stroke_rates = frame.along(moved - frame.shift), frame.along(velocity)
-        if np.any(frame.angular):
+        if frame.twists:
             strokes = strokes + q @ frame.angular_rows
             stroke_rates = stroke_rates + v @ frame.angular_rows
         strokes, stroke_rates = strokes - w @ links.felt, stroke_rates - w_rate @ links.felt
@@ -258,7 +258,7 @@ class Equations:
         if frame.links:
             force[:, :, own:far] = tension[:, None, :] * frame.direction
             force[:, :, far:] = -(tension * frame.apart)[:, None, :] * frame.direction
-            if np.any(frame.angular):
+            if frame.twists:
                 Q = Q + tension @ frame.angular_rows.T
         Q = Q + frame.gathered(force, lever)
         if len(self.measured_K):

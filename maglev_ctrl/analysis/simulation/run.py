@@ -28,10 +28,10 @@ STEP_SHARE = 0.5
 MAXIMUM_HALVINGS = 5
 
 CHECKED_SHARE = 0.1
-CHECKED_LEAST = 0.3
-"""How much of the duration, and at least how many seconds, a run with half the step is compared over."""
+CHECKED_STEPS = 40
+"""How much of the duration, and at least how many steps, a run with half the step is compared over."""
 
-STILL = 1e-9
+STILL = 1e-12
 """Share of the reference height below which a coordinate counts as not moved, where steps are compared."""
 
 
@@ -117,7 +117,7 @@ def simulate(
         return store, Integration(problem, schedule).run(store, frames), schedule
 
     responding = problem.ground.responds
-    checked = min(duration, max(CHECKED_SHARE * duration, CHECKED_LEAST))
+    checked = min(duration, max(CHECKED_SHARE * duration, CHECKED_STEPS * chosen))
     error, coarse = np.nan, None
     for _ in range(0 if responding else MAXIMUM_HALVINGS):
         coarse = coarse or integrated(chosen, checked, system.dofs)
