@@ -180,6 +180,8 @@ def test_a_whole_train():
     assert quick.passengers[1].total == pytest.approx(found.passengers[1].total, rel=1e-12)
     assert quick.passengers[1].reason == "vertical: one method only; unweighted vertical: one method only"
     passive = ride_response(*train(active=False)[:1], None, **{**asked, "noises": []})
+    idle = passive.actuators[0]  # no law: no force, hence no power
+    assert idle.force == idle.mean_power == idle.supplied_power == idle.saturated == 0.0
     assert passive.passengers[1].total != pytest.approx(found.passengers[1].total, rel=1e-2)
 
 

@@ -272,24 +272,24 @@ def _clearance(told: _Told, asked: Clearance) -> ClearanceStatistics:
 
 def _port(told: _Told, port: Port, covariance: float) -> ActuatorDemand:
     force, velocity = told.deviation(port.force.name), told.deviation(port.velocity.name)
-    product = force * velocity
-    supplied = (
-        supplied_power(force, velocity, covariance / product)
-        if product > 0.0 and covariance == covariance
-        else (0.0 if product == 0.0 else NAN)
-    )
+    # A force that is zero gives no power, however wild the velocity.
+    product = 0.0 if force == 0.0 or velocity == 0.0 else force * velocity
+    mean = 0.0 if product == 0.0 else covariance if np.isfinite(product) else NAN
+    supplied = 0.0 if product == 0.0 else supplied_power(force, velocity, mean / product) if np.isfinite(mean) else NAN
+    unsettled = "two methods differ" if np.isfinite(product) and not np.isfinite(mean) else ""
     limit = NAN if port.limit is None else port.limit
     return ActuatorDemand(
         name=port.name, force=force, rate=told.rate(port.force.name), velocity=velocity,
-        mean_power=covariance if np.isfinite(product) else NAN,
+        mean_power=mean,
         supplied_power=supplied, energy_per_hour=SECONDS_PER_HOUR * supplied, limit=limit,
         three_sigma_share=3.0 * force / limit,
         saturated=share_beyond(force, limit) if port.limit is not None else NAN,
-        agreement=told.agreement(port.force.name, port.velocity.name),
+        agreement=Agreement.UNRESOLVED if unsettled else told.agreement(port.force.name, port.velocity.name),
         reason="; ".join(
             f"{word}: {reason}"
             for word, reason in (
-                ("force", told.reasons(port.force.name, rates=True)), ("velocity", told.reasons(port.velocity.name))
+                ("force", told.reasons(port.force.name, rates=True)), ("velocity", told.reasons(port.velocity.name)),
+                ("power", unsettled),
             )
             if reason
         ),
