@@ -52,7 +52,8 @@ def _partials(vehicle, state) -> tuple[np.ndarray, np.ndarray]:
     step, total = 1e-6, sum(sizes)
 
     def answer(x: np.ndarray) -> np.ndarray:
-        found = equations.rates(*np.split(x, np.cumsum(sizes)[:-1], axis=1))
+        q, v, xi, u, w, rate = np.split(x, np.cumsum(sizes)[:-1], axis=1)
+        found = equations.rates((q, v, xi), u, ground=(w, rate))
         return np.hstack([found.acceleration @ system.M.T, found.internal])
 
     values = answer(step * np.vstack([np.eye(total), -np.eye(total)]))
@@ -89,14 +90,14 @@ def test_equals_the_generalised_force_of_one_posture(name: str) -> None:
     q, v = 3e-3 * random.standard_normal((runs, n)), 0.05 * random.standard_normal((runs, n))
     still = [np.zeros((runs, len(names))) for names in (system.internal, system.inputs)]
     ground = np.zeros((1, len(system.guideway)))
-    found = equations.rates(q, v, *still, ground, ground).acceleration @ system.M.T
+    found = equations.rates((q, v, still[0]), still[1], ground=(ground, ground)).acceleration @ system.M.T
     expected = np.array([generalized_force(vehicle, state, one, rate) for one, rate in zip(q, v, strict=True)])
     scale = np.max(np.abs(expected))
     assert np.max(np.abs(found - expected)) < 1e-12 * scale
     # Mutant: levers that do not turn are seen.
     if name == "full":
         held = replace(equations, frame=Frame.of(replace(vehicle, geometric_stiffness=False), state.displacement))
-        other = held.rates(q, v, *still, ground, ground).acceleration @ system.M.T
+        other = held.rates((q, v, still[0]), still[1], ground=(ground, ground)).acceleration @ system.M.T
         assert np.max(np.abs(other - expected)) > 1e-6 * scale
 
 
@@ -110,10 +111,10 @@ def test_a_rigid_shift_of_vehicle_and_guideway_changes_nothing() -> None:
     bogie = [system.guideway.index(name) for name in ("sway@m3", "sway@side")]
     w[0, bogie] = 0.0
     internal, inputs = np.zeros((1, len(system.internal))), np.zeros((1, len(system.inputs)))
-    found = equations.rates(q, v, internal, inputs, w, np.zeros_like(w)).acceleration
+    found = equations.rates((q, v, internal), inputs, ground=(w, 0.0 * w)).acceleration
     assert np.max(np.abs(found)) < 1e-9
     # Mutant: a guideway of the wrong sign drives the vehicle.
-    assert np.max(np.abs(equations.rates(q, v, internal, inputs, -w, np.zeros_like(w)).acceleration)) > 0.1
+    assert np.max(np.abs(equations.rates((q, v, internal), inputs, ground=(-w, 0.0 * w)).acceleration)) > 0.1
 
 
 def test_modulation_linearises_to_the_stiffness_modulation() -> None:
@@ -130,7 +131,10 @@ def test_modulation_linearises_to_the_stiffness_modulation() -> None:
     ground = np.zeros((1, len(system.guideway)))
     for time in (0.0, 0.013, 0.09):
         factor = equations.factors(wave, np.array([time]))[0]
-        forces = equations.rates(shifts, still, empty, empty, ground, ground, factor).acceleration @ system.M.T
+        forces = (
+            equations.rates((shifts, still, empty), empty, ground=(ground, ground), factor=factor).acceleration
+            @ system.M.T
+        )
         K = -(forces[:n] - forces[n:]).T / (2.0 * step)
         k = np.arange(1, 3)[:, None, None]
         expected = system.K + 0.2 * np.sum(K_cos * np.cos(k * W * time) + K_sin * np.sin(k * W * time), axis=0)
@@ -139,5 +143,5 @@ def test_modulation_linearises_to_the_stiffness_modulation() -> None:
         mirrored = system.K + 0.2 * np.sum(K_cos * np.cos(k * W * time) - K_sin * np.sin(k * W * time), axis=0)
         assert time == 0.0 or np.max(np.abs(K - mirrored)) > 1e-3 * scale
         # A vehicle at rest in its equilibrium feels nothing of it, at any depth.
-        at_rest = equations.rates(still[:1], still[:1], empty[:1], empty[:1], ground, ground, factor)
+        at_rest = equations.rates((still[:1], still[:1], empty[:1]), empty[:1], ground=(ground, ground), factor=factor)
         assert np.max(np.abs(at_rest.acceleration)) < 1e-12

@@ -146,7 +146,7 @@ class Integration:
         law, equations = self._problem.law, self._problem.equations
         q, v, xi = x[:, : self._n], x[:, self._n : 2 * self._n], x[:, 2 * self._n : 2 * self._n + self._xi]
         if law is None or law.sampled:
-            rates = equations.rates(q, v, xi, self._held, *ground, factor)
+            rates = equations.rates((q, v, xi), self._held, ground=ground, factor=factor)
             command = self._none if law is None or not self._issued else self._issued[-1]
             return _Slope(self._change(v, rates, x[:, :0]), rates, command)
         states = x[:, 2 * self._n + self._xi + 1 :]
@@ -157,16 +157,16 @@ class Integration:
         still = law.readings.still(q, v, xi, *ground) + self._noise
         command = law.command(states, still)
         if not law.accelerates:
-            rates = equations.rates(q, v, xi, self._with(given, command, law), *ground, factor)
+            rates = equations.rates((q, v, xi), self._with(given, command, law), ground=ground, factor=factor)
             return _Slope(self._change(v, rates, law.change(states, still)), rates, command)
-        rates = equations.rates(q, v, xi, given, *ground, factor)
+        rates = equations.rates((q, v, xi), given, ground=ground, factor=factor)
         y = still + rates.acceleration @ law.readings.acceleration
         command = law.command(states, y)
         if law.unlooped is not None:
             # The readings above are without the immediate commands, which add to them.
             command = command @ law.unlooped.T
         if np.any(law.immediate):
-            rates = equations.rates(q, v, xi, self._with(given, command, law), *ground, factor)
+            rates = equations.rates((q, v, xi), self._with(given, command, law), ground=ground, factor=factor)
             y = still + rates.acceleration @ law.readings.acceleration
             for _ in range(RESOLVES if law.unlooped is not None else 0):
                 left = law.command(states, y) - command
@@ -176,7 +176,7 @@ class Integration:
                 if np.max(np.abs(left)) <= RESOLVED * np.max(np.abs(command)):
                     break
                 command = command + (left if law.unlooped is None else left @ law.unlooped.T)
-                rates = equations.rates(q, v, xi, self._with(given, command, law), *ground, factor)
+                rates = equations.rates((q, v, xi), self._with(given, command, law), ground=ground, factor=factor)
                 y = still + rates.acceleration @ law.readings.acceleration
         return _Slope(self._change(v, rates, law.change(states, y)), rates, command)
 
@@ -206,7 +206,7 @@ class Integration:
         q, v, xi = x[:, :n], x[:, n : 2 * n], x[:, 2 * n : 2 * n + self._xi]
         y = law.readings.still(q, v, xi, *ground) + self._noise
         if law.accelerates:
-            rates = equations.rates(q, v, xi, self._held, *ground, factor)
+            rates = equations.rates((q, v, xi), self._held, ground=ground, factor=factor)
             y = y + rates.acceleration @ law.readings.acceleration
         self._issued.append(law.command(self._law_states, y))
         self._law_states = law.change(self._law_states, y)

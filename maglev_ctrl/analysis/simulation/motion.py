@@ -203,23 +203,22 @@ class Equations:
 
     def rates(
         self,
-        q: FloatArray,
-        v: FloatArray,
-        xi: FloatArray,
+        state: tuple[FloatArray, FloatArray, FloatArray],
         applied: FloatArray,
-        w: FloatArray,
-        w_rate: FloatArray,
+        *,
+        ground: tuple[FloatArray, FloatArray],
         factor: FloatArray | None = None,
     ) -> Rates:
         """Accelerations and rates of the internal states.
 
         Parameters
         ----------
-        q, v, xi : (r, n), (r, n), (r, n_xi) increments from the equilibrium
+        state : q, q', xi: (r, n), (r, n), (r, n_xi) increments from the equilibrium
         applied : (r, n_u) commands after saturation and delay
-        w, w_rate : (r or 1, nw) the guideway under the elements, and its rate
+        ground : w, w': (r or 1, nw) the guideway under the elements, and its rate
         factor : (elements,) of `factors`
         """
+        (q, v, xi), (w, w_rate) = state, ground
         frame, links, m = self.frame, self.links, self.frame.magnets
         lever = frame.levers(q)
         moved, velocity = frame.shifts(q, lever), frame.velocities(v, lever)
