@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import Final
 
 import numpy as np
 
 from maglev_ctrl.analysis.disk import DiskMargin
+from maglev_ctrl.analysis.margin_sites import sensitivity_zone
 from maglev_ctrl.analysis.margins import ChannelMargins, Margins
 from maglev_ctrl.report.charts_margins import disk_value, nyquist
 from maglev_ctrl.report.model import Block, Bullets, Cell, FigureBlock, Paragraph, Table, row
 from maglev_ctrl.report.style import ABSENT, ALPHA, number
 from maglev_ctrl.study.records import OptionStudy
-
-ZONES: Final = ((3.0, "A"), (4.0, "B"), (5.0, "C"))
 
 
 def option_margin_blocks(option: OptionStudy) -> list[Block]:
@@ -73,16 +71,14 @@ def _peak(one: ChannelMargins) -> float:
 
 
 def zone(sensitivity_peak: float) -> str:
-    """The zone of ISO 14839-3 for the largest |S| of a loop.
+    """The zone of ISO 14839-3 for the largest |S| of a loop; a dash where that is not known.
 
     Examples
     --------
     >>> [zone(value) for value in (2.9, 3.0, 4.5, 5.0)]
     ['A', 'B', 'C', 'D']
     """
-    if math.isnan(sensitivity_peak):
-        return ABSENT
-    return next((name for limit, name in ZONES if sensitivity_peak < limit), "D")
+    return ABSENT if math.isnan(sensitivity_peak) else sensitivity_zone(sensitivity_peak)
 
 
 def _multi_loop_words(disk: DiskMargin) -> str:

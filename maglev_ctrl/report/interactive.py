@@ -96,7 +96,7 @@ def _axis(axis: Axis, domain: tuple[float, float], anchor: str, *, title: bool) 
         if axis.tick_labels is not None:
             spec["ticktext"] = [_plain(label) for label in axis.tick_labels]
     if axis.log:
-        spec["type"] = "log"
+        spec |= {"type": "log", "exponentformat": "power"}
     if axis.limits is not None:
         spec["range"] = [_along(float(limit), axis) for limit in axis.limits]
     return spec

@@ -27,6 +27,7 @@ UNITS_RIDE: Final[dict[str, str]] = {
     "AccelerationSpectrum.frequency": "Hz", "AccelerationSpectrum.density": _DENSITY,
     "WorstCase.seconds": "s", "WorstCase.growth": "1/s", "FactorBounds.frequency": "rad/s",
     "WorstPoint.percent": "%", "WorstPoint.frequency": "rad/s",
+    "CommonDelay.delay": "s", "CommonDelay.frequency": "rad/s", "MarginSites.command_frequencies": "rad/s",
     "NonlinearStudy.duration": "s", "NonlinearStudy.step": "s", "NonlinearStudy.speed": "m/s",
     "NonlinearStudy.time": "s", "NonlinearStudy.seconds": "s",
     "SimulatedEvent.time": "s", "SimulatedEvent.value": "m/s",

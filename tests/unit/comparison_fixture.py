@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import cache
+from typing import Literal
 
 import numpy as np
 import report_fixture
@@ -18,6 +19,7 @@ from maglev_ctrl.analysis.response.records import (
 )
 from maglev_ctrl.analysis.response.weighting import comfort_class
 from maglev_ctrl.analysis.robustness.records import FactorBounds, WorstCase, WorstPoint
+from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.errors import Agreement, Verdict
 from maglev_ctrl.study.nonlinear.records import Compared, NonlinearStudy, SimulatedEvent, SimulatedSignal
 from maglev_ctrl.study.records import Comparison, OptionStudy, RequirementResult
@@ -52,7 +54,9 @@ def passenger(name: str, x: float, vertical: float, lateral: float, *, reason: s
     )  # fmt: skip
 
 
-def clearance(name: str, kind: str, nominal: float, room: float, deviation: float) -> ClearanceStatistics:
+def clearance(
+    name: str, kind: Literal["gap", "stroke"], nominal: float, room: float, deviation: float
+) -> ClearanceStatistics:
     """A gap or stroke; crossings by Rice's formula at a typical 1.2 Hz."""
     sag = 0.004 if kind == "gap" else 0.0
     rate = 1.2 * math.exp(-0.5 * ((room - sag) / deviation) ** 2)
@@ -72,7 +76,7 @@ def actuator(name: str, force: float, *, limit: float = 60e3) -> ActuatorDemand:
     )  # fmt: skip
 
 
-def density(frequency: np.ndarray, level: float, peak: float) -> np.ndarray:  # type: ignore[type-arg]
+def density(frequency: FloatArray, level: float, peak: float) -> FloatArray:
     """A resonance over a slope."""
     ratio = frequency / peak
     return level * ratio**2 / ((1.0 - ratio**2) ** 2 + (0.3 * ratio) ** 2) / (1.0 + (frequency / 8.0) ** 4)
@@ -132,7 +136,8 @@ def ride(*, level: float = 1.0, active: bool = True, open_point: bool = False) -
         mask(first.response, *which) for which in (("front row", "vertical", 1.0), ("rear row", "lateral", 2.0))
     )
     speeds = np.linspace(60.0, 550.0, 120) / 3.6
-    hump = sum(a / np.sqrt((1.0 - (speeds / v) ** 2) ** 2 + 0.02) for a, v in ((1.0, 40.0), (0.5, 97.0)))
+    peaks = ((1.0, 40.0), (0.5, 97.0))
+    hump = np.sum([a / np.sqrt((1.0 - (speeds / v) ** 2) ** 2 + 0.02) for a, v in peaks], axis=0)
     passing = SpanPassing(
         25.0, 0.004, speeds, 1.1e-3 * level * hump, 0.09 * level * hump, 1.6e-3 * level, 0.13 * level, 40.0,
         "the first harmonic of the spans meets car heave at 1.60 Hz", 3.2e-9, "",
@@ -171,10 +176,11 @@ def nonlinear(*, contact: bool = False) -> NonlinearStudy:
     time = np.linspace(0.0, 20.0, 800)
     rng = np.random.default_rng(3)
 
-    def noise(size: float, frequency: float) -> np.ndarray:  # type: ignore[type-arg]
+    def noise(size: float, frequency: float) -> FloatArray:
         phases = rng.uniform(0.0, 2.0 * math.pi, 12)
         tones = frequency * np.linspace(0.5, 1.8, 12)
-        return size / math.sqrt(6.0) * np.sum(np.cos(2.0 * math.pi * tones[:, None] * time + phases[:, None]), axis=0)
+        waves = np.cos(2.0 * math.pi * tones[:, None] * time + phases[:, None])
+        return np.asarray(size / math.sqrt(6.0) * np.sum(waves, axis=0))
 
     compared = [
         Compared("standard deviation of the gap of magnet_front_0", "mm", 11.0, 11.3, 10.6, 12.1, AGREED, ""),
@@ -205,7 +211,7 @@ def nonlinear(*, contact: bool = False) -> NonlinearStudy:
     )  # fmt: skip
 
 
-def _front(best: tuple[float, float, float], count: int, seed: int) -> np.ndarray:  # type: ignore[type-arg]
+def _front(best: tuple[float, float, float], count: int, seed: int) -> FloatArray:
     """Points of which none betters another: ride against power, gap along with ride."""
     along = np.sort(np.random.default_rng(seed).uniform(0.0, 1.0, count))
     ride_, power = best[0] * (1.0 + 0.8 * along), best[2] * (0.15 + (1.0 - along) ** 2)

@@ -203,7 +203,7 @@ def log_chart(log: bool) -> Chart:
 def test_a_power_is_straight_on_logarithmic_axes() -> None:
     def points(log: bool) -> int:
         """Points of the curve as drawn: those on the straight line between their neighbours are left out."""
-        return max(len(artist.get_xdata()) for artist in draw(log_chart(log)).artists if isinstance(artist, Line2D))
+        return max(np.size(artist.get_xdata()) for artist in draw(log_chart(log)).artists if isinstance(artist, Line2D))
 
     assert points(True) == 2
     assert points(False) == 3  # the mutant: linear axes

@@ -13,13 +13,17 @@ import numpy as np
 import pytest
 from test_report_document import _faults
 
+from maglev_ctrl.analysis.common_delay import CommonDelay
 from maglev_ctrl.analysis.loops import Loop
+from maglev_ctrl.analysis.margin_sites import margin_sites
 from maglev_ctrl.analysis.margins import loop_margins
 from maglev_ctrl.analysis.response import records as response_records
 from maglev_ctrl.analysis.robustness import records as robustness_records
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.errors import Verdict
 from maglev_ctrl.report import write
+from maglev_ctrl.report.charts_margins import disk_value
+from maglev_ctrl.report.content_margin_sites import common_delay_words, margin_site_blocks
 from maglev_ctrl.report.content_margins import margin_blocks, zone
 from maglev_ctrl.report.content_nonlinear import nonlinear_blocks
 from maglev_ctrl.report.content_option import option_section
@@ -31,6 +35,7 @@ from maglev_ctrl.study import ride_records
 from maglev_ctrl.study.nonlinear import records as nonlinear_records
 from maglev_ctrl.study.records import OptionStudy
 from maglev_ctrl.study.tuning import records as tuning_records
+from maglev_ctrl.systems import Controller, SecondOrderSystem
 from maglev_ctrl.vehicle import Actuator
 
 
@@ -126,6 +131,24 @@ def test_sensitivity_peaks_have_their_zone() -> None:
     assert [zone(value) for value in (2.99, 3.0, 4.0, 5.0)] == ["A", "B", "C", "D"]
     low = loop_margins(Loop.from_transfer_function([2.0], [1.0, 10.0, 10.0, 10.0]))  # the mutant: another loop
     assert texts(margin_blocks(low, "LQR"), "Sensitivity peaks")[0][1] != cells[1]
+
+
+def test_margins_by_site_and_skew_with_their_replays() -> None:
+    plant = SecondOrderSystem.from_matrices([[1.0]], [[0.2]], [[4.0]], inputs=("force",), B=[[1.0]])
+    law = Controller.static([[-1.0]], measured=("q1.velocity",), commands=("force",))
+    sites = margin_sites(plant, law)
+    told = margin_site_blocks(sites, "LQR")
+    rows = texts(told, "Disk margins")
+    assert [cells[0].split()[0] for cells in rows] == ["inputs", "outputs", "inputs"]
+    assert rows[2][2] == f"{disk_value(sites.both.skewed[1]):.3g}".ljust(5, "0")[:5]
+    assert rows[2][2] != rows[0][2]  # the mutant: one site told for another
+    assert rows[0][-1] == "A"
+    assert any("in all channels" in b.text or "common to all" in b.text for b in told if isinstance(b, Paragraph))
+    late = replace(
+        sites.common_delay, delay=0.012, frequency=12.0, pole_distance=1e-9, agreement=made.AGREED, reason=""
+    )
+    assert "up to 12.0 ms" in common_delay_words(late) and "1.91 Hz" in common_delay_words(late)
+    assert "UNRESOLVED" in common_delay_words(replace(late, agreement=made.UNRESOLVED, reason="two answers"))
 
 
 PURE = {  # numbers without a unit, or told in the unit that another field of the record names

@@ -177,8 +177,8 @@ def _ranking_table(study: TuningStudy) -> Table:
     return Table(
         "Ranking: each option with the point chosen on its front; distance to the ideal point of all fronts in ranges "
         "of the objectives, 0 is best; options that miss a hard requirement come last",
-        heads, tuple(rows), (0.6, 2.0, *(1.2 for _ in study.objectives), 0.9, 1.6),
-        right=tuple(range(2, 3 + len(study.objectives))),
+        heads, tuple(rows), (0.5, 1.8, *(1.7 for _ in study.objectives), 0.8, 1.4),
+        right=tuple(range(2, 3 + len(study.objectives))), small=True,
     )  # fmt: skip
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -194,12 +195,13 @@ def over_speed(option: OptionStudy, study: RideStudy, *, design_speed: float) ->
         power += _curve(x, 1e-3 * numbers[:, 3], name, order)
     design = Rule("x", design_speed * _KILOMETRES_PER_HOUR, DESIGN_LINE, INK, "dot", 1.0)
     axis = Axis("speed (km/h)")
+    again = replace(design, label="")
     panels = [
         Panel((*ride, design), axis, Axis("worst ride (m/s²)", (0.0, _top_of(ride, 1.1 * COMFORT_LIMIT)))),
-        Panel((*used, design), axis, Axis("clearance used (%)", (0.0, _top_of(used, 110.0)))),
+        Panel((*used, again), axis, Axis("clearance used (%)", (0.0, _top_of(used, 110.0)))),
     ]
     if power:
-        panels.append(Panel((*power, design), axis, Axis("supplied power (kW)", (0.0, _top_of(power, 1e-9)))))
+        panels.append(Panel((*power, again), axis, Axis("supplied power (kW)", (0.0, _top_of(power, 1e-9)))))
     words = (
         "weighted acceleration of the worst passenger, largest share of a gap and of a stroke (dashed) "
         f"that 3 {SIGMA} and sag use"
@@ -243,10 +245,11 @@ def girder_passing(option: OptionStudy, passing: SpanPassing, *, design_speed: f
     if not np.isfinite(passing.gap).any():
         return None
     x = passing.speeds * _KILOMETRES_PER_HOUR
-    rules: list[Item] = [Rule("x", design_speed * _KILOMETRES_PER_HOUR, DESIGN_LINE, INK, "dot", 1.0)]
+    rules = [Rule("x", design_speed * _KILOMETRES_PER_HOUR, DESIGN_LINE, INK, "dot", 1.0)]
     if math.isfinite(passing.worst_speed):
         worst = passing.worst_speed * _KILOMETRES_PER_HOUR
         rules.append(Rule("x", worst, "worst speed", FAIL_COLOUR, "dash", 1.0))
+    again = [replace(rule, label="") for rule in rules]
     axis = Axis("speed (km/h)", (float(x[0]), float(x[-1])))
     gap, shake = 1e3 * passing.gap, passing.acceleration
     words = f"girders of {number(passing.span, 'm')} span with {number(1e3 * passing.sag, 'mm')} sag"
@@ -258,7 +261,7 @@ def girder_passing(option: OptionStudy, passing: SpanPassing, *, design_speed: f
         f"{number(passing.worst_speed * _KILOMETRES_PER_HOUR, 'km/h')}.",
         panels=(
             Panel((Line(x, gap, "", colour(1)), *rules), axis, Axis("change of gap (mm)", _from_zero(gap))),
-            Panel((Line(x, shake, "", colour(1)), *rules), axis, Axis("acceleration (m/s²)", _from_zero(shake))),
+            Panel((Line(x, shake, "", colour(1)), *again), axis, Axis("acceleration (m/s²)", _from_zero(shake))),
         ),
         panel_height=1.5,
         share_x=True,

@@ -97,7 +97,7 @@ def actuator_table(response: RideResponse, label: str) -> Table:
         f"Actuators of {label}{_left_out(len(ranked))}: mean power is given to the vehicle (negative: taken from it), "
         "supplied power is the mean of its positive part (no recuperation), at limit the share of time at which the "
         "linear force would exceed the limit",
-        heads, tuple(rows), (1.6, 1.0, 1.0, 0.95, 0.8, 1.05, 1.05, 1.0, 1.0, 1.0, 0.85),
+        heads, tuple(rows), (1.5, 0.95, 0.95, 0.95, 0.75, 1.0, 1.05, 1.0, 0.95, 1.0, 1.1),
         right=tuple(range(1, 11)), small=True,
     )  # fmt: skip
 
@@ -132,7 +132,7 @@ def point_table(study: RideStudy, label: str) -> Table | None:
     return Table(
         f"Ride of {label} at every operating point looked at, without an answer first, then the worst"
         f"{_left_out(len(ranked))}",
-        heads, rows, (1.7, 1.0, 0.9, 0.9, 1.0, 2.2), right=(1, 2, 3, 4), small=True,
+        heads, rows, (1.7, 1.4, 0.9, 0.9, 0.9, 2.2), right=(1, 2, 3, 4), small=True,
     )  # fmt: skip
 
 
