@@ -133,3 +133,18 @@ def test_whole_sample_delays_become_states() -> None:
     exact = 1.0 / (1.0 + 0.3 / (z - 1.0) * z**-2)
     assert np.allclose(sensitivity(closed.loop, omega)[:, 0, 0], exact)
     assert not np.allclose(sensitivity(closed.loop, omega)[:, 0, 0], 1.0 / (1.0 + 0.3 / (z - 1.0) * z**-1))
+
+
+def test_a_long_delay_at_high_gain_is_refused_by_an_exact_pole() -> None:
+    """Active where the delay has turned ten thousand times: no stand-in is good there, one pole is proof enough."""
+    loop = Loop.from_transfer_function([5e3], [1.0, 1.0], delay=0.5)
+    with pytest.raises(NotStable, match="pole at") as raised:
+        close(loop)
+    numbers = str(raised.value).split("pole at ")[1].split(" 1/s")[0]
+    real, _, imaginary = numbers.replace("j", "").partition(" +- ")
+    pole = complex(float(real), float(imaginary or 0.0))
+    # det(1 + L) = 0 there, to the digits told
+    left = (pole + 1.0) * np.exp(0.5 * pole)
+    assert abs(left + 5e3) < 1e-2 * 5e3
+    slower = Loop.from_transfer_function([0.5], [1.0, 1.0], delay=0.5)  # mutant: refuses everything that is delayed
+    assert close(slower).poles.size
