@@ -35,8 +35,9 @@ class MaskResult:
 class SpanPassing:
     """Girders passed one after another: peaks of the steady motion over speed.
 
-    `gap` (V,) m: largest change of a magnet's gap; `acceleration` (V,) m/s^2: largest vertical of a passenger;
-    `worst_speed` m/s with the harmonic and mode that meet there. `check`: relative difference to a second method.
+    `gap` (V,) m: largest change of a magnet's gap; `acceleration` (V,) m/s^2: largest of the car's centre; both by the
+    first harmonics. At the design speed and at `worst_speed` (m/s, with the harmonic and mode that meet there) the
+    numbers are exact; `check`: their relative difference to a second method.
     """
 
     span: float
@@ -47,6 +48,7 @@ class SpanPassing:
     design_gap: float
     design_acceleration: float
     worst_speed: float
+    worst_gap: float
     worst: str
     check: float
     reason: str
