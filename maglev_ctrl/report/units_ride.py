@@ -12,7 +12,7 @@ UNITS_RIDE: Final[dict[str, str]] = {
     "MaskResult.frequency": "Hz", "MaskResult.mask_frequency": "Hz", "MaskResult.mask_density": _DENSITY,
     "SpanPassing.span": "m", "SpanPassing.sag": "m", "SpanPassing.speeds": "m/s", "SpanPassing.gap": "m",
     "SpanPassing.acceleration": "m/s^2", "SpanPassing.design_gap": "m", "SpanPassing.design_acceleration": "m/s^2",
-    "SpanPassing.worst_speed": "m/s",
+    "SpanPassing.worst_speed": "m/s", "SpanPassing.worst_gap": "m",
     "FlexibleSpan.frequency": "Hz", "FlexibleSpan.deflection": "m", "FlexibleSpan.static_deflection": "m",
     "FlexibleSpan.gap": "m", "FlexibleSpan.acceleration": "m/s^2",
     "StepPassing.height": "m", "StepPassing.ramp": "m", "StepPassing.gap": "m", "StepPassing.acceleration": "m/s^2",

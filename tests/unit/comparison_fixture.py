@@ -139,8 +139,9 @@ def ride(*, level: float = 1.0, active: bool = True, open_point: bool = False) -
     peaks = ((1.0, 40.0), (0.5, 97.0))
     hump = np.sum([a / np.sqrt((1.0 - (speeds / v) ** 2) ** 2 + 0.02) for a, v in peaks], axis=0)
     passing = SpanPassing(
-        25.0, 0.004, speeds, 1.1e-3 * level * hump, 0.09 * level * hump, 1.6e-3 * level, 0.13 * level, 40.0,
-        "the first harmonic of the spans meets car heave at 1.60 Hz", 3.2e-9, "",
+        span=25.0, sag=0.004, speeds=speeds, gap=1.1e-3 * level * hump, acceleration=0.09 * level * hump,
+        design_gap=1.6e-3 * level, design_acceleration=0.13 * level, worst_speed=40.0, worst_gap=7.9e-3 * level,
+        worst="the girders meet the mode of 1.6 Hz", check=3.2e-9, reason="",
     )  # fmt: skip
     flexible = FlexibleSpan(6.4, 0.434, 4.6e-3, 4.0e-3, 1.9e-3 * level, 0.15 * level, "stable", "")
     step = StepPassing(0.003, 0.1, 2.7e-3 * level, 0.61 * level, "")

@@ -19,9 +19,15 @@ from maglev_ctrl.report.findings import key_findings, leading_option, tightest
 from maglev_ctrl.report.interactive import interactive
 from maglev_ctrl.report.model import Banner, Block, Bullets, FigureBlock, Paragraph, Table
 from maglev_ctrl.report.ride import ride_blocks
-from maglev_ctrl.report.ride.charts import acceleration_spectra, along_the_car, mask_words, over_speed
+from maglev_ctrl.report.ride.charts import acceleration_spectra, along_the_car, mask_words, nearest_masks, over_speed
 from maglev_ctrl.report.ride.summary import supplied_power, worst_numbers, worst_passenger
-from maglev_ctrl.report.ride.tables import actuator_table, clearance_table, passenger_table, point_table
+from maglev_ctrl.report.ride.tables import (
+    actuator_table,
+    clearance_table,
+    passenger_table,
+    point_table,
+    worst_speed_words,
+)
 from maglev_ctrl.report.values import judged_cell, reason_words
 from maglev_ctrl.study.records import OptionStudy
 
@@ -136,6 +142,24 @@ def test_spectra_are_logarithmic_with_the_mask_over_them() -> None:
     assert "stays below" in mask_words(replace(study.masks[0], ratio=0.4))
 
 
+def test_of_every_mask_the_nearest_passenger_is_told() -> None:
+    first, second = made.ride().masks
+    calmer = replace(first, passenger="centre", ratio=0.5 * first.ratio)
+    assert [m.passenger for m in nearest_masks((calmer, first, second))] == ["front row", "rear row"]
+    lost = replace(first, passenger="centre", ratio=math.nan)
+    assert [m.passenger for m in nearest_masks((first, lost))] == ["centre"]  # the unknown may be the worst
+    assert [m.passenger for m in nearest_masks((lost, first))] == ["centre"]
+
+
+def test_girders_without_an_answer_say_why() -> None:
+    passing = made.ride().passing
+    assert passing is not None
+    lost = replace(passing, worst_speed=math.nan, gap=np.zeros(0), reason="the loop is not stable")
+    assert worst_speed_words(lost) == "Girder passing was not evaluated: the loop is not stable."
+    doubted = worst_speed_words(replace(passing, reason="not at every speed: 540 km/h: not stable"))
+    assert "144 km/h" in doubted and doubted.endswith("Not at every speed: 540 km/h: not stable.")
+
+
 def test_curves_over_speed_by_payload_and_gaps_where_unknown() -> None:
     study = made.ride()
     chart = over_speed(option(), study, design_speed=made.SPEED)
@@ -150,7 +174,7 @@ def test_curves_over_speed_by_payload_and_gaps_where_unknown() -> None:
 def test_worst_speed_of_girders_is_named() -> None:
     told = blocks(option(ride=made.ride()))
     words = next(b.text for b in told if isinstance(b, Paragraph) and "Girders of" in b.text)
-    assert "144 km/h" in words and "car heave" in words
+    assert "144 km/h" in words and "meet the mode of 1.6 Hz" in words
     chart = next(b.chart for b in told if isinstance(b, FigureBlock) and b.chart.key == "lqr-girders")
     rule = next(item for item in chart.panels[0].items if isinstance(item, Rule) and item.label == "worst speed")
     gap = next(item for item in chart.panels[0].items if isinstance(item, Line))

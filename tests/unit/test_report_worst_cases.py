@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from test_report_document import _faults
 
-from maglev_ctrl.analysis.common_delay import CommonDelay
 from maglev_ctrl.analysis.loops import Loop
 from maglev_ctrl.analysis.margin_sites import margin_sites
 from maglev_ctrl.analysis.margins import loop_margins

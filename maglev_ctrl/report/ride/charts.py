@@ -103,11 +103,11 @@ def _classes(top: float, right: float) -> list[Item]:
 def acceleration_spectra(option: OptionStudy, study: RideStudy, response: RideResponse) -> Chart | None:
     """Densities of the passengers' acceleration with the mask, one panel per axis; None without spectra."""
     axes = tuple(dict.fromkeys(s.axis for s in response.spectra))
-    shown = _shown_spectra(response, {m.passenger for m in study.masks})
+    shown = _shown_spectra(response, {m.passenger for m in nearest_masks(study.masks)})
     panels = [_spectrum_panel(response, axis, shown, [m for m in study.masks if m.axis == axis]) for axis in axes]
     if not panels:
         return None
-    told = " ".join(f"{mask_words(m)}." for m in study.masks)
+    told = " ".join(f"{mask_words(m)[0].upper()}{mask_words(m)[1:]}." for m in nearest_masks(study.masks))
     return Chart(
         key=f"{option.name}-spectra",
         caption=f"Power spectral density of the passengers' acceleration in {option.label} at "
@@ -135,9 +135,11 @@ def _spectrum_panel(response: RideResponse, axis: str, shown: tuple[str, ...], m
         for s in response.spectra
         if (s.passenger, s.axis) == (name, axis)
     ]
-    for mask in masks[:1]:
-        items.append(Line(mask.mask_frequency, mask.mask_density, "mask", FAIL_COLOUR, "solid", 1.8))
-    for mask in masks:
+    nearest = nearest_masks(tuple(masks))
+    for place, mask in enumerate(nearest):
+        label = "mask" if place == 0 else f"mask {place + 1}"
+        items.append(Line(mask.mask_frequency, mask.mask_density, label, FAIL_COLOUR, DASHES[place % len(DASHES)], 1.8))
+    for mask in nearest:
         if math.isfinite(mask.ratio):
             height = float(np.exp(np.interp(math.log(mask.frequency), np.log(mask.mask_frequency),
                                             np.log(mask.mask_density))))  # fmt: skip
@@ -151,6 +153,17 @@ def _spectrum_panel(response: RideResponse, axis: str, shown: tuple[str, ...], m
         tuple(items), Axis("frequency (Hz)", (low, high), ticks, tuple(f"{t:g}" for t in ticks), log=True),
         Axis("PSD ((m/s²)²/Hz)", limits, log=True), title=axis,
     )  # fmt: skip
+
+
+def nearest_masks(masks: tuple[MaskResult, ...]) -> tuple[MaskResult, ...]:
+    """Of every mask the passenger who comes nearest to it; one whose ratio is unknown comes before all."""
+    found: dict[tuple[str, bytes, bytes], MaskResult] = {}
+    for mask in masks:
+        key = (mask.axis, mask.mask_frequency.tobytes(), mask.mask_density.tobytes())
+        known = found.get(key)
+        if known is None or math.isnan(mask.ratio) or mask.ratio > known.ratio:
+            found[key] = mask
+    return tuple(found.values())
 
 
 def _density_limits(curves: list[Line]) -> tuple[float, float] | None:
@@ -189,10 +202,11 @@ def over_speed(option: OptionStudy, study: RideStudy, *, design_speed: float) ->
     for order, (name, points) in enumerate(families):
         x = np.array([p.speed * _KILOMETRES_PER_HOUR for p in points])
         numbers = np.array([worst_numbers(p.response) for p in points])
-        ride += _curve(x, numbers[:, 0], name, order)
-        used += _curve(x, 100.0 * numbers[:, 1], name, order)
-        used += _curve(x, 100.0 * numbers[:, 2], f"{name}, stroke", order, style="dash")
-        power += _curve(x, 1e-3 * numbers[:, 3], name, order)
+        several = len(families) > 1
+        ride += _curve(x, numbers[:, 0], name if several else "", order)
+        used += _curve(x, 100.0 * numbers[:, 1], name if several else "gap", order)
+        used += _curve(x, 100.0 * numbers[:, 2], f"{name}, stroke" if several else "stroke", order, style="dash")
+        power += _curve(x, 1e-3 * numbers[:, 3], name if several else "", order)
     design = Rule("x", design_speed * _KILOMETRES_PER_HOUR, DESIGN_LINE, INK, "dot", 1.0)
     axis = Axis("speed (km/h)")
     again = replace(design, label="")
@@ -256,7 +270,8 @@ def girder_passing(option: OptionStudy, passing: SpanPassing, *, design_speed: f
     return Chart(
         key=f"{option.name}-girders",
         caption=f"{option.label} passing {words}, one after another: largest change of a magnet's gap and largest "
-        f"vertical acceleration of a passenger in the steady motion. Worst: {passing.worst}.",
+        "vertical acceleration of the car in the steady motion, by the first harmonics (the numbers told for single "
+        f"speeds are exact). Worst: {passing.worst}.",
         alt=f"Peaks over speed of {option.label} passing {words}; worst at "
         f"{number(passing.worst_speed * _KILOMETRES_PER_HOUR, 'km/h')}.",
         panels=(

@@ -26,7 +26,9 @@ def ride_blocks(option: OptionStudy, *, design_speed: float) -> list[Block]:
     study = option.ride
     if study is None:
         return [Paragraph(f"The ride was not evaluated: {option.ride_reason}")] if option.ride_reason else []
-    blocks: list[Block] = [Paragraph(f"Irregularity of the guideway: {study.spectrum}.")] if study.spectrum else []
+    blocks: list[Block] = (
+        [Paragraph(f"Irregularity of the guideway: {study.spectrum.rstrip('.')}.")] if study.spectrum else []
+    )
     if study.points:
         point = study.points[0]
         if point.response is None:

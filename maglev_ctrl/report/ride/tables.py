@@ -149,8 +149,8 @@ def single_passings(study: RideStudy, label: str) -> Table | None:
         return None
     heads = ("Passed at the design speed", "Shape", "Change of a gap", "Acceleration", "Remark")
     return Table(
-        f"Girders and steps under {label}: largest change of a magnet's gap, largest vertical acceleration of a "
-        "passenger",
+        f"Girders and steps under {label}: largest change of a magnet's gap, largest vertical acceleration of the "
+        "car",
         heads, tuple(rows), (1.4, 2.2, 0.9, 1.0, 2.6), right=(2, 3), small=True,
     )  # fmt: skip
 
@@ -160,7 +160,7 @@ def _rigid_row(one: SpanPassing) -> tuple[Cell, ...]:
     check = "" if math.isnan(one.check) else f"second method differs by {number(one.check, digits=1)}"
     return row(
         "Girders, rigid", shape, number(1e3 * one.design_gap, "mm"), number(one.design_acceleration, "m/s²"),
-        one.reason or check or ABSENT,
+        "; ".join(words for words in (check, one.reason) if words) or ABSENT,
     )  # fmt: skip
 
 
@@ -184,7 +184,10 @@ def _step_row(one: StepPassing) -> tuple[Cell, ...]:
 
 def worst_speed_words(passing: SpanPassing) -> str:
     """At which speed girders are worst, and why."""
-    if passing.reason or math.isnan(passing.worst_speed):
-        return f"Girder passing: {passing.reason or 'no worst speed was found'}."
+    why = passing.reason.rstrip(".")
+    if math.isnan(passing.worst_speed):
+        return f"Girder passing was not evaluated: {why or 'no worst speed was found'}."
     at = number(passing.worst_speed * _KILOMETRES_PER_HOUR, "km/h")
-    return f"Girders of {number(passing.span, 'm')} shake the vehicle most at {at}: {passing.worst}."
+    size = number(1e3 * passing.worst_gap, "mm")
+    told = f"Girders of {number(passing.span, 'm')} change a gap most at {at}, by {size}: {passing.worst}."
+    return f"{told} {why[0].upper()}{why[1:]}." if why else told
