@@ -22,6 +22,10 @@ PROBES = (0.7, 0.85, 1.0, 1.15, 1.3)
 """Shares of the equilibrium height at which a force model is asked whether it has partials by lateral velocities."""
 
 
+LATERAL = (".sway", ".roll", ".yaw")
+"""Coordinates that move magnets sideways; without them drag has no lateral part."""
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Winding:
     """An electromagnet in its vehicle: `member`, its rest state, and the column of its input and state (-1: none)."""
@@ -40,7 +44,8 @@ class Winding:
 class MagnetSet:
     """m magnets ready for batches of runs.
 
-    `low`, `high` (3, m): where heights, gaps and speeds are inside the force models' data. `kinetic` (groups): whether
+    `low`, `high` (3, m): where heights, gaps and speeds are inside the force models' data; `least` the larger of `low`
+    and a `floor` above contact. `kinetic` (groups): whether
     a model's forces depend on vertical or lateral velocity.
     """
 
@@ -52,6 +57,7 @@ class MagnetSet:
     low: FloatArray
     high: FloatArray
     floor: FloatArray
+    least: FloatArray
     speed: float
     following: bool
 
@@ -82,8 +88,9 @@ class MagnetSet:
             low=read_only_any(low),
             high=read_only_any(high),
             floor=read_only_any(np.broadcast_to(floor, low.shape)),
+            least=read_only_any(np.maximum(low, floor)),
             speed=posture.speed,
-            following=vehicle.drag_direction,
+            following=vehicle.drag_direction and any(name.endswith(LATERAL) for name in known.dofs),
         )
 
     def forces(
@@ -97,7 +104,7 @@ class MagnetSet:
         rates : (r, 3, m) velocities left and up relative to the guideway, and left in space
         xi, applied : (r, n_xi) internal states and (r, n_u) commands
         """
-        inside = np.minimum(np.maximum(places, np.maximum(self.low, self.floor)), self.high)
+        inside = np.minimum(np.maximum(places, self.least), self.high)
         r, m = len(places), len(self.share)
         found, follow = np.zeros((r, 3, m)), np.zeros((r, m))
         for force, members, bare, kinetic in self.groups:
@@ -131,7 +138,7 @@ class MagnetSet:
             current = winding.current + extra_current(winding, xi, applied)
             # The standing current has the strength in it already.
             found[:, 2, i] = found[:, 2, i] + winding.count * winding.model.pull(inside[:, 0, i], current)
-        return found, -follow * rates[:, 2]
+        return found, -follow * rates[:, 2] if self.following else follow
 
     def static(self, places: FloatArray) -> FloatArray:
         """Forces (r, 3, m) of passive magnets at the equilibrium speed, of position alone: what a track modulates."""
