@@ -93,9 +93,20 @@ def sources(channel: RideChannel, processes: Sequence[Process]) -> tuple[Source,
     rates = channel.E_v + back
     moved = channel.C @ back
     static = channel.D_p - moved
-    size = np.abs(channel.D_p) + np.abs(channel.C) @ np.abs(back)
+    # What a static response is small beside: its own parts, and what the solution may be wrong by in every entry.
+    doubt = _rounding(channel, np.asarray(back, dtype=np.float64)) / STILL
+    size = np.abs(channel.D_p) + np.abs(channel.C) @ (np.abs(back) + doubt)
     found = [_process_source(channel, process, rates, static, size) for process in processes if np.any(process.weights)]
     return (*found, *(_noise_source(channel, index) for index in range(len(channel.noises))))
+
+
+def _rounding(channel: RideChannel, back: FloatArray) -> FloatArray:
+    """Bound by entries on the error of A^-1 E_p as solved: eps |A^-1| (|A| |A^-1 E_p| + |E_p|) (Skeel)."""
+    if not len(channel.A):
+        return np.zeros_like(back)
+    reach = np.abs(channel.A) @ np.abs(back) + np.abs(channel.E_p)
+    grown: FloatArray = np.abs(np.linalg.inv(channel.A)) @ reach
+    return len(channel.A) * float(np.finfo(np.float64).eps) * grown
 
 
 def process_weights(channel: RideChannel, process: Process) -> tuple[FloatArray, FloatArray]:
