@@ -23,7 +23,9 @@ _AIM = 0.8
 _ENOUGH = 0.98
 _RISE = 1.025
 _MOST_LOOKS = 400
-_PROBES = 9
+_PROBES = 24
+_BEYOND = 30.0
+_WORST_SCALES = 1e7
 _CLOSENESS = 1e-3
 _SINGULAR = 1e-2
 
@@ -158,7 +160,7 @@ def _held(
     """Interval around omega where the scales prove mu below the level; empty (omega, omega) if not even there."""
     back = np.linalg.inv(scales.T)
     form = _Form(A, B @ back, scales.T @ C, scales.T @ D @ back, scales.G, level)
-    if not form.least(np.array([omega]))[0] > 0.0:
+    if np.linalg.cond(scales.T) > _WORST_SCALES or not form.least(np.array([omega]))[0] > 0.0:
         return omega, omega
     if A.shape[0] == 0:
         return 0.0, np.inf
@@ -169,14 +171,15 @@ def _held(
     crossings = candidates[form.least(candidates) <= _SINGULAR]
     below, above = crossings[crossings < omega], crossings[crossings > omega]
     low, high = (float(below.max()) if below.size else 0.0), (float(above.min()) if above.size else np.inf)
-    # Looked at a second way, without the Hamiltonian matrix: no frequency between the ends may refute them.
-    top = high if np.isfinite(high) else 1e3 * max(omega if np.isfinite(omega) else 0.0, low, 1.0)
-    bottom = low if low > 0.0 else 1e-3 * min(omega if omega > 0.0 else np.inf, top)
-    poles = np.linalg.eigvals(A)
-    inside = np.concatenate([np.geomspace(bottom, top, _PROBES + 2)[1:-1], np.abs(poles), np.abs(poles.imag),
-                             0.5 * (candidates[1:] + candidates[:-1]), [0.0, np.inf]])  # fmt: skip
-    inside = inside[((inside > low) | (inside == 0.0) & (low == 0.0)) & ((inside < high) | (inside == high))]
-    wrong = inside[form.least(inside) <= 0.0]
-    low = float(np.max(wrong[wrong < omega], initial=low))
-    high = float(np.min(wrong[wrong > omega], initial=high))
-    return low, high
+    # Looked at a second way, without the Hamiltonian matrix: one refutation, and the scales cannot be trusted.
+    size = np.abs(np.linalg.eigvals(A))
+    size = size[size > 0.0] if np.any(size > 0.0) else np.ones(1)
+    spread = np.geomspace(size.min() / _BEYOND, size.max() * _BEYOND, _PROBES)
+    ends = [max(low, 1e-3 * size.min()), min(high, 1e3 * size.max())]
+    own = np.geomspace(*ends, _PROBES)[1:-1] if ends[0] < ends[1] else np.zeros(0)
+    inside = np.concatenate([spread, own, size, 0.5 * (candidates[1:] + candidates[:-1]), [0.0, np.inf]])
+    margin = 1e-6 * inside
+    margin[~np.isfinite(inside)] = 0.0
+    held = ((inside - margin > low) | ((inside == 0.0) & (low == 0.0))) & ((inside + margin < high) | (high == np.inf))
+    inside = inside[held]
+    return (omega, omega) if np.any(form.least(inside) <= 0.0) else (low, high)

@@ -22,6 +22,7 @@ _STEPS = (60, 60, 80)
 _LEAST_D = 1e-2
 _PULL = 1e-9
 _LARGEST_G = 1e3
+_EVENED = 1e-8
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -83,7 +84,7 @@ def balancing(matrix: ComplexArray) -> Scales:
     r = matrix.shape[0]
     size = np.abs(matrix) ** 2
     np.fill_diagonal(size, 0.0)
-    floor = max(1e-16 * float(np.max(np.abs(matrix) ** 2, initial=0.0)), 1e-280)
+    floor = max(_EVENED * float(np.max(np.abs(matrix) ** 2, initial=0.0)), 1e-280)
     x = np.zeros(r)
     for _ in range(20):
         moved = 0.0
