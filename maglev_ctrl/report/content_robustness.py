@@ -45,7 +45,7 @@ def factor_words(factor: FactorBounds) -> str:
         + (f", the box split into {factor.boxes} parts)" if factor.boxes > 1 else ")")
     )
     if not math.isfinite(factor.found):
-        found = f"no unstable combination was found up to a factor of {number(factor.limit)}"
+        found = f"no unstable combination was found up to a factor of {number(factor.limit)}, where the search ended"
     else:
         at = number(factor.frequency / (2.0 * math.pi), "Hz")
         found = (
@@ -54,12 +54,13 @@ def factor_words(factor: FactorBounds) -> str:
             f"{number(factor.pole_distance, digits=1)} away (relative)"
         )
     between = (
-        "The two agree."
+        ""
+        if not math.isfinite(factor.found)
+        else " The two agree."
         if factor.agreement is Agreement.AGREED
-        else "The two do not meet: the true factor lies between them, and only the guaranteed one may be relied on."
+        else " The two do not meet: the true factor lies between them, and only the guaranteed one may be relied on."
     )
-    why = f" {factor.reason[0].upper()}{factor.reason[1:]}." if factor.reason else ""
-    return f"{guaranteed}. {found[0].upper()}{found[1:]}. {between}{why}"
+    return f"{guaranteed}. {found[0].upper()}{found[1:]}.{between}"
 
 
 def _points(found: WorstCase) -> tuple[tuple[str, WorstPoint], ...]:

@@ -55,6 +55,7 @@ def test_guaranteed_and_found_factor_are_both_told() -> None:
     assert "only the guaranteed one may be relied on" in apart and "The two agree." not in apart
     none = replace(made.worst_case().factor, found=math.inf)
     assert "No unstable combination was found up to a factor of 5.00" in factor_words(none)
+    assert "agree" not in factor_words(none)
 
 
 @pytest.mark.parametrize("verdict", list(Verdict))

@@ -19,7 +19,7 @@ _COMFORT: Final = "Comfort, smaller is better"
 _GAP: Final = "Gap used, smaller is better"
 _POWER: Final = "Power, smaller is better"
 _ROBUSTNESS: Final = "Robustness, larger is better"
-_MOST_LABEL: Final = 24  # characters of an option's name beside its bars
+_MOST_LABEL: Final = 34  # characters of an option's name beside its bars
 
 
 def ride_side_by_side(comparison: Comparison) -> Chart | None:
@@ -104,4 +104,4 @@ def _words(option: OptionStudy, numbers: FloatArray, disk: float) -> str:
 
 
 def _short(label: str) -> str:
-    return label if len(label) <= _MOST_LABEL else f"{label[:11].rstrip()} … {label[-10:].lstrip()}"
+    return label if len(label) <= _MOST_LABEL else f"{label[:17].rstrip()} … {label[-14:].lstrip()}"

@@ -45,7 +45,8 @@ def along_the_car(option: OptionStudy, response: RideResponse) -> Chart | None:
     room = 0.06 * (float(x[-1] - x[0]) or 1.0)
     window = (float(x[0]) - room, float(x[-1]) + _NAMES * room)
     items: list[Item] = _classes(top, window[1] - 0.2 * room)
-    for order, axis in enumerate(axes_of(response)):
+    axes = axes_of(response)
+    for order, axis in enumerate(axes if len(axes) > 1 else ()):  # one axis alone is the total
         values = [weighted_along(p, axis) for p in passengers]
         items += _followed(passengers, values, axis, order)
     items += _followed(passengers, [p.total for p in passengers], _TOTAL, 0)
@@ -196,6 +197,8 @@ def over_speed(option: OptionStudy, study: RideStudy, *, design_speed: float) ->
     families = _families(study.points)
     if not families:
         return None
+    draws = [worst_numbers(p.response)[3] for p in study.points]
+    unit, scale = ("kW", 1e-3) if np.nanmax(np.array([*draws, 0.0])) >= 1e3 else ("W", 1.0)
     ride: list[Item] = [Rule("y", COMFORT_LIMIT, "not uncomfortable below", FAIL_COLOUR, "dashdot", 1.0)]
     used: list[Item] = [Rule("y", 100.0, "whole clearance", FAIL_COLOUR, "solid", 1.0)]
     power: list[Item] = []
@@ -206,7 +209,7 @@ def over_speed(option: OptionStudy, study: RideStudy, *, design_speed: float) ->
         ride += _curve(x, numbers[:, 0], name if several else "", order)
         used += _curve(x, 100.0 * numbers[:, 1], name if several else "gap", order)
         used += _curve(x, 100.0 * numbers[:, 2], f"{name}, stroke" if several else "stroke", order, style="dash")
-        power += _curve(x, 1e-3 * numbers[:, 3], name if several else "", order)
+        power += _curve(x, scale * numbers[:, 3], name if several else "", order)
     design = Rule("x", design_speed * _KILOMETRES_PER_HOUR, DESIGN_LINE, INK, "dot", 1.0)
     axis = Axis("speed (km/h)")
     again = replace(design, label="")
@@ -215,7 +218,7 @@ def over_speed(option: OptionStudy, study: RideStudy, *, design_speed: float) ->
         Panel((*used, again), axis, Axis("clearance used (%)", (0.0, _top_of(used, 110.0)))),
     ]
     if power:
-        panels.append(Panel((*power, again), axis, Axis("supplied power (kW)", (0.0, _top_of(power, 1e-9)))))
+        panels.append(Panel((*power, again), axis, Axis(f"supplied power ({unit})", (0.0, _top_of(power, 1e-9)))))
     words = (
         "weighted acceleration of the worst passenger, largest share of a gap and of a stroke (dashed) "
         f"that 3 {SIGMA} and sag use"
