@@ -46,7 +46,7 @@ def _double_l(force: TabulatedForce, *, paper: bool):
 def test_flutter_and_divergence_of_the_double_l(corner: TabulatedForce, paper: bool, low: float, high: float) -> None:
     make = _double_l(corner, paper=paper)
     found = boundary_check(
-        make, low, high, duration=0.6, coordinates=("car.sway", "car.roll"), runs=2, tolerance=0.012, step=0.005,
+        make, (low, high), duration=0.6, coordinates=("car.sway", "car.roll"), runs=2, tolerance=0.012, step=0.005,
         neutral=0.05,
     )  # fmt: skip
     assert found.agreement is Agreement.AGREED and found.difference < BOUNDARY, found.reason
@@ -54,7 +54,7 @@ def test_flutter_and_divergence_of_the_double_l(corner: TabulatedForce, paper: b
     # Mutant: the same vehicle with the other kinematics has no boundary there.
     with pytest.raises(ValueError, match="growth at one end only"):
         boundary_check(
-            _double_l(corner, paper=not paper), low, high, duration=0.3, coordinates=("car.sway", "car.roll"), runs=2,
+            _double_l(corner, paper=not paper), (low, high), duration=0.3, coordinates=("car.sway", "car.roll"), runs=2,
             step=0.005, neutral=0.05,
         )  # fmt: skip
 
@@ -69,7 +69,7 @@ def test_growth_of_an_unstable_loop_and_its_boundary() -> None:
     found = measured_growth(vehicle, rest, controller=law, duration=1.0, runs=2)
     assert found.rate == pytest.approx(2.0, rel=1e-3) and found.frequency == pytest.approx(np.sqrt(396.0), rel=1e-3)
     assert found.spread < 1e-2 and found.residual < 1e-3
-    check = boundary_check(make, 15.0, 26.0, duration=0.5, runs=2, tolerance=0.03, neutral=1e-3, step=0.01)
+    check = boundary_check(make, (15.0, 26.0), duration=0.5, runs=2, tolerance=0.03, neutral=1e-3, step=0.01)
     assert check.boundary == pytest.approx(20.0, rel=0.02) and check.linear == pytest.approx(20.0, rel=0.003)
 
 

@@ -165,6 +165,9 @@ def test_a_sampled_law_keeps_its_states_and_samples_in_between() -> None:
         x = 0.7 * x + reading
     assert np.max(np.abs(command[::2] - issued)) < 1e-9
     assert np.max(np.abs(command[1::2] - issued[:-1])) < 1e-9
+    for period, interval in ((0.01, 0.01 / 3.0), (0.0015, 0.0045), (0.004, 0.004)):
+        timed = Controller.static([[-1.0]], measured=("car.heave",), commands=("push",), dt=period)
+        assert simulate(vehicle, rest, controller=timed, duration=0.05).interval == pytest.approx(interval)
     with pytest.raises(ValueError, match="whole multiple or a whole part"):
         simulate(vehicle, rest, controller=law, duration=0.4, sampling=0.015)
 

@@ -62,7 +62,7 @@ def attraction(
     limits: Limits | None = None,
     returned: float = 0.05,
     confidence: float = 0.95,
-    sampling: float = 0.004,
+    sampling: float | None = None,
     computation: float = 0.0,
     step: float | None = None,
 ) -> Attraction:

@@ -207,8 +207,7 @@ class BoundaryCheck:
 
 def boundary_check(
     make: Callable[[float], Case],
-    low: float,
-    high: float,
+    between: tuple[float, float],
     *,
     duration: float,
     tolerance: float = 1e-3,
@@ -224,7 +223,7 @@ def boundary_check(
     Parameters
     ----------
     make : vehicle, equilibrium and controller at a value of the parameter
-    low, high : values on either side of the boundary
+    between : values on either side of the boundary
     tolerance : width of the bracket, relative to the larger end
     neutral : growth rate that still counts as none, 1/s; 0.01 / duration when left out. An undamped vehicle is neutral
         on one side of its boundary
@@ -235,6 +234,7 @@ def boundary_check(
     ------
     ValueError : the growth has the same sign at both ends
     """
+    low, high = between
     level = 0.01 / duration if neutral is None else neutral
     tried: dict[float, Growth] = {}
 
@@ -249,7 +249,7 @@ def boundary_check(
     growing = grows(high)
     if grows(low) == growing:
         raise ValueError(
-            f"low, high: expected growth at one end only, got {tried[low].rate:.4g} 1/s at {low:g} and "
+            f"between: expected growth at one end only, got {tried[low].rate:.4g} 1/s at {low:g} and "
             f"{tried[high].rate:.4g} 1/s at {high:g}"
         )
     bracket = _bisected(grows, low, high, growing=growing, tolerance=tolerance)

@@ -19,6 +19,9 @@ from maglev_ctrl.guideway import Modulation
 from maglev_ctrl.systems import Controller, SecondOrderSystem, close_loop
 from maglev_ctrl.vehicle import Equilibrium, Vehicle, linearize
 
+SAMPLING = 0.004
+"""Interval of samples unless told otherwise, s: vibration counts up to 80 Hz, and 125 Hz is half the rate."""
+
 STEP_TOLERANCE = 1e-4
 """Largest `step_error` that is accepted before the step is halved again."""
 
@@ -47,7 +50,7 @@ def simulate(
     runs: int = 1,
     seed: int = 0,
     limits: Limits | None = None,
-    sampling: float = 0.004,
+    sampling: float | None = None,
     computation: float = 0.0,
     noise: bool = True,
     signals: Sequence[str] | None = None,
@@ -64,7 +67,8 @@ def simulate(
     start : initial states by name as in `linearize(...).states`, increments from the equilibrium; a number or (runs,)
     runs : how many
     seed : of the sensors' noise, with the run's number
-    sampling : s between samples that are kept; with a sampled law a whole multiple or a whole part of its period
+    sampling : s between samples that are kept, 4 ms when left out; with a sampled law a whole multiple or a whole part
+        of its period, the one nearest to 4 ms when left out
     computation : s from a sample to the command that follows from it
     noise : whether sensors have theirs
     signals : which to keep; all of `Trajectory.signals` when left out
@@ -86,7 +90,8 @@ def simulate(
     >>> round(float(found.of("car.heave")[0, -1]), 6), found.events
     (-0.01, ())
     """
-    _check(duration=duration, sampling=sampling, step=step)
+    interval = _interval(controller) if sampling is None else sampling
+    _check(duration=duration, sampling=interval, step=step)
     if runs < 1:
         raise ValueError(f"runs: expected at least 1, got {runs}")
     tracks = _tracks(track, runs)
@@ -105,11 +110,11 @@ def simulate(
         start=_starting(system, start or {}, runs),
         seed=seed,
     )
-    chosen = _first_step(system, law, controller, sampling) if step is None else step
+    chosen = _first_step(system, law, controller, interval) if step is None else step
     commands = () if controller is None else controller.commands
 
     def integrated(width: float, length: float, kept: Sequence[str] | None) -> tuple[Store, Outcome, Schedule]:
-        schedule = Schedule.of(law, sampling=sampling, step=width)
+        schedule = Schedule.of(law, sampling=interval, step=width)
         frames = max(int(np.ceil(length / schedule.frame - 1e-9)), 1)
         frames = -(-frames // schedule.every) * schedule.every
         samples = frames // schedule.every * int(np.sum(schedule.kept)) + 1
@@ -130,7 +135,7 @@ def simulate(
     scale = max(float(np.nanmax(np.abs(store.kinetic))), float(np.nanmax(np.abs(store.work))), 1e-300)
     change = store.kinetic - store.kinetic[:, :1] - store.work
     return Trajectory(
-        time=read_only(sampling * np.arange(store.kinetic.shape[1]), name="time"),
+        time=read_only(interval * np.arange(store.kinetic.shape[1]), name="time"),
         signals=store.signals(),
         events=outcome.events,
         ends=read_only(outcome.ends, name="ends"),
@@ -142,6 +147,13 @@ def simulate(
         step_error=error,
         checked=0.0 if responding else checked,
     )
+
+
+def _interval(controller: Controller | None) -> float:
+    period = None if controller is None else controller.dt
+    if period is None:
+        return SAMPLING
+    return round(SAMPLING / period) * period if period <= SAMPLING else period / np.ceil(period / SAMPLING)
 
 
 def _check(*, duration: float, sampling: float, step: float | None) -> None:
