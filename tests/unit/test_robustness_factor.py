@@ -177,3 +177,13 @@ def test_an_unstable_combination_within_the_spreads_fails_and_is_replayed() -> N
     assert failed.factor.pole_distance < 1e-9
     assert failed.growth.value == pytest.approx(0.5 * (0.15 - 0.12), rel=1e-6)
     assert np.isnan(failed.disk.value)
+
+
+def test_scales_that_rounding_cannot_carry_prove_nothing() -> None:
+    """Scales of 1e9 between channels: a Hamiltonian matrix of such a loop is noise."""
+    loop = third_order()
+    moderate = Scales(np.eye(2, dtype=complex), np.zeros((2, 2), dtype=complex))
+    extreme = Scales(np.diag([1.0, 1e9]).astype(complex), np.zeros((2, 2), dtype=complex))
+    low, high = _held(loop.A, loop.B, loop.C, loop.D, moderate, 5.0, 0.3)
+    assert low < 0.3 < high
+    assert _held(loop.A, loop.B, loop.C, loop.D, extreme, 1e12, 0.3) == (0.3, 0.3)

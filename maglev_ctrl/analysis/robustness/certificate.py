@@ -175,8 +175,8 @@ def _held(
     size = np.abs(np.linalg.eigvals(A))
     size = size[size > 0.0] if np.any(size > 0.0) else np.ones(1)
     spread = np.geomspace(size.min() / _BEYOND, size.max() * _BEYOND, _PROBES)
-    ends = [max(low, 1e-3 * size.min()), min(high, 1e3 * size.max())]
-    own = np.geomspace(*ends, _PROBES)[1:-1] if ends[0] < ends[1] else np.zeros(0)
+    start, end = max(low, 1e-3 * float(size.min())), min(high, 1e3 * float(size.max()))
+    own = np.geomspace(start, end, _PROBES)[1:-1] if start < end else np.zeros(0)
     inside = np.concatenate([spread, own, size, 0.5 * (candidates[1:] + candidates[:-1]), [0.0, np.inf]])
     margin = 1e-6 * inside
     margin[~np.isfinite(inside)] = 0.0
