@@ -53,13 +53,13 @@ def factor_words(factor: FactorBounds) -> str:
             f"that puts a pole on the axis at {at}; its replay leaves the pole "
             f"{number(factor.pole_distance, digits=1)} away (relative)"
         )
-    between = (
-        ""
-        if not math.isfinite(factor.found)
-        else " The two agree."
-        if factor.agreement is Agreement.AGREED
-        else " The two do not meet: the true factor lies between them, and only the guaranteed one may be relied on."
-    )
+    found_one, agreed = math.isfinite(factor.found), factor.agreement is Agreement.AGREED
+    between = " The two agree." if found_one else ""
+    if not agreed:
+        between = (
+            " The two do not meet: the true factor lies between them" if found_one else " Between lies the unknown"
+        )
+        between += ", and only the guaranteed one may be relied on."
     return f"{guaranteed}. {found[0].upper()}{found[1:]}.{between}"
 
 
