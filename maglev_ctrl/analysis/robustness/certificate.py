@@ -71,7 +71,10 @@ def prove(
         raise ValueError(f"loop: expected a stable nominal loop, got a pole at {poles[np.argmax(poles.real)]:.6g}")
     A, B, C, D = _even_channels(loop, np.asarray(poles + 0j))
     order = np.argsort(-poles.real / np.maximum(np.abs(poles), 1e-300))
-    picks = [*seeds, *np.abs(poles.imag[order]), 0.0, np.inf]
+    rates = np.abs(poles)
+    # Not 0 and inf themselves: a channel that vanishes there says nothing about its scale beside them.
+    ends = [1e-2 * float(rates.min()), 1e2 * float(rates.max())] if rates.size else [0.0]
+    picks = [*(w for w in (*seeds, *np.abs(poles.imag[order])) if w > 0.0), *ends]
     rest: list[Interval] = [(0.0, np.inf)]
     scales: Scales | None = None
     worst = 0.0
