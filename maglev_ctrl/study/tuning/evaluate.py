@@ -37,6 +37,7 @@ from maglev_ctrl.study.tuning.figures import (
 )
 from maglev_ctrl.study.tuning.law import quick_law
 from maglev_ctrl.study.tuning.operating_set import operating_set
+from maglev_ctrl.study.tuning.ride import quick_ride
 from maglev_ctrl.systems import Controller, loop_matrices
 
 RESERVE: Final = 0.02
@@ -51,7 +52,8 @@ NEUTRAL: Final = 1e-9
 PROBES: Final = 4
 """Candidates looked at everywhere before it is decided which situations the others are looked at."""
 STABLE: Final = "stable over the operating set"
-_MARGIN_SCOPES: Final = ("nominal", "speed", "payload")
+_RIDE_SCOPES: Final = ("nominal", "speed", "payload")
+"""Where ride and margins are looked at, as in the full study."""
 _FAULTS = (MaglevError, ValueError, np.linalg.LinAlgError)
 
 
@@ -113,10 +115,13 @@ class Judge:
         self.shared = Shared(statics_fixed=not any(one.path[-1:] == ("stiffness",) for one in tuned))
         needed = {IN_LOOP[READS[one]] for one in self.objectives}
         self.stages = tuple(s for s in STAGES if s in needed | {IN_LOOP[r.quantity] for r in self.requirements})
-        outer = tuple(i for i, place in enumerate(self.places) if not place.inner)
-        loops = tuple(i for i in outer if set(self.places[i].scopes) & set(_MARGIN_SCOPES))
-        rides = loops if _ride_scopes(self.requirements) <= set(_MARGIN_SCOPES) else outer
-        self._watched = {"ride": _Watched(rides), "margins": _Watched(loops)}
+        ridden = tuple(i for i, one in enumerate(self.places) if set(one.scopes) & set(_RIDE_SCOPES))
+        outer = {i for i, place in enumerate(self.places) if not place.inner}
+        margins = tuple(i for i in ridden if not self.places[i].inner)
+        everything = tuple(range(len(self.places)))
+        self._watched = {
+            "poles": _Watched(everything, worst=outer), "ride": _Watched(ridden), "margins": _Watched(margins),
+        }  # fmt: skip
         self._names = (
             *(READS[one] for one in self.objectives), *(figure_name(one) for one in self.requirements)
         )  # fmt: skip
@@ -149,8 +154,7 @@ class Judge:
         reached = 0
         for stage in self.stages:
             measured[stage] = self._measure(stage, model, controller, seen, everywhere)
-            if stage in self._watched:
-                self._watched[stage].learn(measured[stage], self._names)
+            self._watched[stage].learn(measured[stage], (*self._names, "growth_rate"))
             reached += 1
             missed = self._violations(measured)
             if missed and (missed.get(STABLE, 0.0) > 0.0 or max(missed.values()) > FAR):
@@ -162,14 +166,15 @@ class Judge:
         self, stage: Stage, model: OptionModel, controller: Controller | None,
         seen: dict[int, tuple[Loop | None, ComplexArray]], everywhere: bool,
     ) -> dict[int, dict[str, float]]:  # fmt: skip
+        watched = self._watched[stage].places(everywhere=everywhere)
         if stage == "poles":
             found = {}
-            for i, place in enumerate(self.places):
-                loop = _open_loop(model, controller, place.situation)
-                s = _poles(model, loop, place.situation)
+            for i in watched:
+                situation = self.places[i].situation
+                loop = _open_loop(model, controller, situation)
+                s = _poles(model, loop, situation)
                 seen[i], found[i] = (loop, s), {"growth_rate": _growth(s), "damping_ratio": _damping(s)}
             return found
-        watched = self._watched[stage].places(everywhere=everywhere)
         if stage == "ride":
             return {i: _ride(model, controller, self.places[i].situation) for i in watched}
         return {i: _margins(model, seen[i][0], self.places[i].situation, seen[i][1]) for i in watched}
@@ -185,7 +190,7 @@ class Judge:
 
     def _value(self, one: RequirementRecord, measured: dict[str, dict[int, dict[str, float]]]) -> float:
         figures = measured.get(IN_LOOP[one.quantity], {})
-        scopes = {one.over} if IN_LOOP[one.quantity] != "margins" or one.over == "nominal" else set(_MARGIN_SCOPES)
+        scopes = {one.over} if IN_LOOP[one.quantity] != "margins" or one.over == "nominal" else set(_RIDE_SCOPES)
         inside = [f for i, f in figures.items() if i == 0 or scopes & set(self.places[i].scopes)]
         return worst_of(inside[:1] if one.over == "nominal" else inside, figure_name(one))
 
@@ -196,15 +201,16 @@ class Judge:
                                for one in self.objectives])  # fmt: skip
         values = np.array([self._value(one, measured) for one in self.requirements])
         violations = np.array([missed.get(one.name, np.nan) for one in self.requirements])
-        binding = max(missed, key=lambda name: missed[name])
+        binding = STABLE if missed[STABLE] > 0.0 else max(missed, key=lambda name: missed[name])
         total = penalty + math.fsum(v / (1.0 + v) for v in missed.values())
         if complete and not np.all(np.isfinite(objectives)):
             total, complete = total + STAGE_PENALTY, False
+        worst = missed[binding]
         if binding == STABLE:
             binding = next((r.name for r in self.requirements if r.quantity == "growth_rate"), STABLE)
         return Assessment(
             objectives=objectives, score=self._signs * objectives, values=values, violations=violations, total=total,
-            complete=complete, binding=binding if total else "", worst=max(missed.values()),
+            complete=complete, binding=binding if total else "", worst=worst,
         )  # fmt: skip
 
 
@@ -232,10 +238,6 @@ def _swept(scenario: Scenario, one: RequirementRecord) -> bool:
     """Whether the sweep a requirement asks for exists; without it the full study says what is missing."""
     margins = IN_LOOP[one.quantity] == "margins"
     return one.over == "nominal" or margins or getattr(scenario.operating.sweep, one.over) is not None
-
-
-def _ride_scopes(requirements: Sequence[RequirementRecord]) -> set[str]:
-    return {one.over for one in requirements if IN_LOOP[one.quantity] == "ride"}
 
 
 def _open_loop(model: OptionModel, controller: Controller | None, situation: Situation) -> Loop | None:
@@ -269,9 +271,7 @@ def _damping(s: ComplexArray) -> float:
 
 
 def _ride(model: OptionModel, controller: Controller | None, situation: Situation) -> dict[str, float]:
-    from maglev_ctrl.study.ride import ride_at
-
-    return ride_figures(ride_at(model, controller, situation, quick=True))
+    return ride_figures(quick_ride(model, controller, situation))
 
 
 def _margins(model: OptionModel, loop: Loop | None, situation: Situation, poles: ComplexArray) -> dict[str, float]:

@@ -9,11 +9,12 @@ import numpy as np
 
 from maglev_ctrl.scenario import Scenario
 from maglev_ctrl.study.records import SweepName
+from maglev_ctrl.study.ride import SPEEDS
 from maglev_ctrl.study.situation import Situation
 from maglev_ctrl.study.sweeps import DISPLAY, sweep_values, varied
 
-SPEEDS_BETWEEN: Final = 3
-"""Speeds between the ends of the sweep, evenly spaced; poles are looked at there, ride and margins are not."""
+SPEEDS_BETWEEN: Final = SPEEDS - 2
+"""Speeds between the ends of the sweep, those at which the full study looks at the ride; margins are not read there."""
 ALWAYS: Final = ("speed", "payload")
 """Sweeps whose ends every candidate is judged at; those of others only where a requirement asks for them."""
 

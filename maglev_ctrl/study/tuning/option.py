@@ -125,7 +125,7 @@ def _recorded(
     return OptionSearch(
         record,
         read_only(np.array([assessments[i].score for i in rows]).reshape(len(rows), k), name="score"),
-        read_only(np.array([assessments[i].values for i in rows]).reshape(len(rows), r), name="values"),
+        read_only_any(np.array([assessments[i].values for i in rows]).reshape(len(rows), r)),
         () if feasible else _missed(judge, failing),
     )
 
