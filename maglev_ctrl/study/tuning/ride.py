@@ -45,7 +45,7 @@ def quick_ride(model: OptionModel, controller: Controller | None, situation: Sit
         raise ModelError("the scenario describes no irregularity of the guideway")
     vehicle, balanced = model.balance(situation)
     plant, law = model.plant(situation), model.law_at(situation, controller)
-    spectra, band = track_spectra(irregularity), irregularity.band
+    spectra, band = _spectra(irregularity), irregularity.band
     return ride_response(
         plant,
         law,
@@ -61,6 +61,10 @@ def quick_ride(model: OptionModel, controller: Controller | None, situation: Sit
         band=None if band is None else (band.low / (2.0 * np.pi), band.high / (2.0 * np.pi)),
         verified=False,
     )
+
+
+_spectra = lru_cache(maxsize=8)(track_spectra)
+"""One record for one irregularity, so that its shaping filters are worked out once for every speed."""
 
 
 def _clearances(
