@@ -10,6 +10,7 @@ from maglev_ctrl.analysis.disk import DiskMargin
 from maglev_ctrl.analysis.margin_sites import sensitivity_zone
 from maglev_ctrl.analysis.margins import ChannelMargins, Margins
 from maglev_ctrl.report.charts_margins import disk_value, nyquist
+from maglev_ctrl.report.content_margin_sites import margin_site_blocks
 from maglev_ctrl.report.model import Block, Bullets, Cell, FigureBlock, Paragraph, Table, row
 from maglev_ctrl.report.style import ABSENT, ALPHA, number
 from maglev_ctrl.study.records import OptionStudy
@@ -22,7 +23,10 @@ def option_margin_blocks(option: OptionStudy) -> list[Block]:
         return [Paragraph(f"Margins were not evaluated: {option.margins_reason}")] if option.margins_reason else []
     blocks = margin_blocks(margins, option.label)
     chart = nyquist(option)
-    return [*blocks, FigureBlock(chart)] if chart is not None else blocks
+    blocks = [*blocks, FigureBlock(chart)] if chart is not None else blocks
+    if option.margin_sites is not None:
+        blocks += margin_site_blocks(option.margin_sites, option.label)
+    return blocks
 
 
 def margin_blocks(margins: Margins, label: str) -> list[Block]:

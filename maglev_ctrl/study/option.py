@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from maglev_ctrl.analysis.margin_sites import MarginSites, margin_sites
 from maglev_ctrl.analysis.margins import Margins, loop_margins
 from maglev_ctrl.analysis.modes import modes
 from maglev_ctrl.analysis.robustness.records import WorstCase
@@ -17,10 +18,14 @@ from maglev_ctrl.study.delays import settled_modes
 from maglev_ctrl.study.evidence import Evidence, MarginPoint, SweepCheck
 from maglev_ctrl.study.law import delayed_certificate, designed_option
 from maglev_ctrl.study.loops import nyquist_curves, option_loops, root_locus
+from maglev_ctrl.study.nonlinear.records import NonlinearStudy
+from maglev_ctrl.study.nonlinear.run import nonlinear_study
 from maglev_ctrl.study.periodic import floquet_study
 from maglev_ctrl.study.records import FloquetStudy, NyquistCurve, OptionStudy, RootLocus, Sweep
 from maglev_ctrl.study.requirements import judge, not_evaluated
+from maglev_ctrl.study.ride import ride_study
 from maglev_ctrl.study.ride_records import RideStudy
+from maglev_ctrl.study.robustness import robustness_study
 from maglev_ctrl.study.situation import OptionModel, Situation
 from maglev_ctrl.study.sweeps import place, sweep, sweep_values, varied, worst_places
 from maglev_ctrl.synthesis.design import Design
@@ -28,6 +33,8 @@ from maglev_ctrl.systems import Controller
 
 Step = Callable[[str], None]
 MARGIN_SWEEPS = ("speed", "payload")
+MOST_SENSORS = 6
+"""Laws that measure more signals than this are state feedback for all purposes: broken at their commands alone."""
 
 
 def study_option(scenario: Scenario, option: OptionRecord, *, step: Step = lambda what: None) -> OptionStudy:
@@ -70,12 +77,14 @@ def _study(scenario: Scenario, option: OptionRecord, blank: OptionStudy, step: S
     checks: dict[str, tuple[SweepCheck, ...]] = {one.parameter: _checks(model, controller, one) for one in sweeps}
     step("margins")
     margin_points, locus, curves = _margins(model, controller, sweeps)
+    sites = _margin_sites(model, controller)
     step("resonance map")
     periodic, periodic_reason = _periodic(model, controller)
     step("ride")
     ride, ride_reason = _ride(model, controller)
     step("worst cases")
     robustness, robustness_reason = _robustness(model, controller)
+    nonlinear, nonlinear_reason = _nonlinear(model, controller, step)
     step("requirements")
     evidence = Evidence(
         design=SweepCheck("design point", settled, doubt),
@@ -109,9 +118,12 @@ def _study(scenario: Scenario, option: OptionRecord, blank: OptionStudy, step: S
         requirements=tuple(judge(requirement, evidence) for requirement in scenario.judged),
         notes=notes,
         ride=ride,
-        ride_reason=ride_reason,
+        ride_reason=ride_reason if scenario.irregularity is not None else "",
         robustness=robustness,
-        robustness_reason=robustness_reason,
+        robustness_reason=robustness_reason if scenario.uncertainty is not None else "",
+        nonlinear=nonlinear,
+        nonlinear_reason=nonlinear_reason,
+        margin_sites=sites,
     )
 
 
@@ -185,8 +197,6 @@ def _periodic(model: OptionModel, controller: Controller | None) -> tuple[Floque
 def _ride(model: OptionModel, controller: Controller | None) -> tuple[RideStudy | None, str]:
     if model.scenario.irregularity is None:
         return None, "the scenario describes no irregularity of the guideway"
-    from maglev_ctrl.study.ride import ride_study
-
     try:
         return ride_study(model, controller), ""
     except (MaglevError, ValueError, ArithmeticError, np.linalg.LinAlgError) as fault:
@@ -196,12 +206,33 @@ def _ride(model: OptionModel, controller: Controller | None) -> tuple[RideStudy 
 def _robustness(model: OptionModel, controller: Controller | None) -> tuple[WorstCase | None, str]:
     if model.scenario.uncertainty is None:
         return None, "the scenario describes no uncertainty"
-    from maglev_ctrl.study.robustness import robustness_study
-
     try:
         return robustness_study(model, controller), ""
     except (MaglevError, ValueError, np.linalg.LinAlgError) as fault:
         return None, f"{fault}"
+
+
+def _nonlinear(model: OptionModel, controller: Controller | None, step: Step) -> tuple[NonlinearStudy | None, str]:
+    request = model.scenario.simulation
+    if request is None:
+        return None, ""
+    try:
+        study, _ = nonlinear_study(model, controller, request, step=lambda what: step(f"simulation: {what}"))
+    except (MaglevError, ValueError, np.linalg.LinAlgError) as fault:
+        return None, f"{fault}"
+    return study, ""
+
+
+def _margin_sites(model: OptionModel, controller: Controller | None) -> MarginSites | None:
+    """Margins at commands, sensors and both; a law that measures every state has no sensors to break."""
+    if controller is None or len(controller.measured) > MOST_SENSORS:
+        return None
+    design = Situation.of_design(model.scenario)
+    law = model.law_at(design, controller)
+    try:
+        return None if law is None else margin_sites(model.plant(design), law)
+    except (NotStable, ModelError, OutOfDomain, ValueError, np.linalg.LinAlgError):
+        return None  # the margins at the commands say why
 
 
 def _design_values(model: OptionModel) -> dict[str, float]:

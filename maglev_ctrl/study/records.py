@@ -8,6 +8,7 @@ from typing import Literal
 from maglev_ctrl.analysis.boundary import Boundaries
 from maglev_ctrl.analysis.floquet import Floquet
 from maglev_ctrl.analysis.floquet_margins import FloquetMargins
+from maglev_ctrl.analysis.margin_sites import MarginSites
 from maglev_ctrl.analysis.margins import Margins
 from maglev_ctrl.analysis.modes import Modes
 from maglev_ctrl.analysis.resonance_map import ResonanceMap
@@ -129,6 +130,7 @@ class OptionStudy:
     robustness_reason: str = ""
     nonlinear: NonlinearStudy | None = None
     nonlinear_reason: str = ""
+    margin_sites: MarginSites | None = None  # of laws with few sensors: broken at commands, at sensors, and at both
 
     @property
     def verdict(self) -> Verdict:

@@ -17,20 +17,7 @@ from maglev_ctrl.study.evidence import Evidence, SweepCheck
 from maglev_ctrl.study.finding import Finding, missing
 from maglev_ctrl.study.records import RequirementResult, Sweep
 from maglev_ctrl.study.requirements_periodic import floquet_gain, floquet_speed, modulation
-from maglev_ctrl.study.requirements_ride import (
-    RIDE_OVER,
-    acceleration_mask,
-    contact_probability,
-    force_rate,
-    force_used,
-    gap_used,
-    robust_factor,
-    stroke_used,
-    supplied_power,
-    weighted_acceleration,
-    worst_damping,
-    worst_growth,
-)
+from maglev_ctrl.study.requirements_ride import RIDE_FINDERS, RIDE_OVER, weighted_acceleration
 from maglev_ctrl.study.sweeps import least_damping, place
 
 ROUNDING = 1e-12
@@ -302,17 +289,7 @@ FINDERS: dict[str, Callable[[Evidence, str], Finding]] = {
     "delay_margin": _from_margins(_delay, "delay margin"),
     "disk_margin": _from_margins(_disk, "disk margin"),
     "sensitivity_peak": _from_margins(_sensitivity, "sensitivity peak", largest=True),
-    "weighted_acceleration": weighted_acceleration(None),
-    "gap_used": gap_used,
-    "stroke_used": stroke_used,
-    "contact_probability": contact_probability,
-    "force_used": force_used,
-    "supplied_power": supplied_power,
-    "force_rate": force_rate,
-    "acceleration_mask": acceleration_mask,
-    "robust_factor": robust_factor,
-    "worst_case_growth": worst_growth,
-    "worst_case_damping": worst_damping,
+    **RIDE_FINDERS,
     "modulation_ratio": modulation(ratio=True),
     "modulation_depth": modulation(ratio=False),
     "floquet_gain_margin": floquet_gain,

@@ -167,9 +167,17 @@ def _worst_found(point: WorstPoint, bound: Literal["lower", "upper"]) -> Finding
     )  # fmt: skip
 
 
-gap_used = ride_finder(_clearance("gap", "used"), "no gap")
-stroke_used = ride_finder(_clearance("stroke", "used"), "no suspension stroke")
-contact_probability = ride_finder(_clearance("any", "contact_per_hour"), "no gap")
-force_used = ride_finder(_force_used, "no actuator")
-supplied_power = ride_finder(_supplied_power, "no actuator")
-force_rate = ride_finder(_force_rate, "no actuator")
+RIDE_FINDERS: dict[str, Callable[[Evidence, str], Finding]] = {
+    "weighted_acceleration": weighted_acceleration(None),
+    "acceleration_mask": acceleration_mask,
+    "gap_used": ride_finder(_clearance("gap", "used"), "no gap"),
+    "stroke_used": ride_finder(_clearance("stroke", "used"), "no suspension stroke"),
+    "contact_probability": ride_finder(_clearance("any", "contact_per_hour"), "no gap"),
+    "force_used": ride_finder(_force_used, "no actuator"),
+    "supplied_power": ride_finder(_supplied_power, "no actuator"),
+    "force_rate": ride_finder(_force_rate, "no actuator"),
+    "robust_factor": robust_factor,
+    "worst_case_growth": worst_growth,
+    "worst_case_damping": worst_damping,
+}
+"""By quantity, what finds it."""
