@@ -108,7 +108,7 @@ def test_a_silent_number_is_caught() -> None:
 
 def test_the_file_tells_how_to_run_it(scenario: Scenario) -> None:
     path = scenario.path.relative_to(ROOT).as_posix()
-    assert re.search(rf"^# Run it:  maglev-ctrl (report|design) {re.escape(path)}\b", scenario.text, re.MULTILINE)
+    assert re.search(rf"^# Run it:  maglev-ctrl (report|design|compare) {re.escape(path)}\b", scenario.text, re.MULTILINE)
 
 
 def test_it_begins_with_a_baseline_and_has_something_to_compare(scenario: Scenario) -> None:

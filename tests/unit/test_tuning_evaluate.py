@@ -206,8 +206,8 @@ def test_the_operating_set():
 
 def test_an_unstable_option_without_variables():
     tuned = load("scenarios/compare/four_options.toml")
-    bare = with_values(tuned, {("option", 2, "spring_damper", 0, "damping"): "1 N*s/m", ("vehicle", "secondary",
+    bare = with_values(tuned, {("option", 3, "spring_damper", 0, "damping"): "1 N*s/m", ("vehicle", "secondary",
                                "damping"): "0 kN*s/m"})  # fmt: skip
-    judge = Judge(bare, bare.options[2], ())
+    judge = Judge(bare, bare.options[3], ())
     found = judge((), everywhere=True)
     assert found.binding == "stable" and found.worst > 0.0 and found.binding != STABLE

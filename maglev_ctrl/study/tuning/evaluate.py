@@ -127,7 +127,7 @@ class Judge:
         )  # fmt: skip
 
     def __call__(self, values: Sequence[float], *, everywhere: bool = False) -> Assessment:
-        """The candidate with these values; `everywhere` leaves no situation out.
+        """The candidate with these values; `everywhere` leaves no situation and, of a stable one, no stage out.
 
         A model or a law that does not exist is told in `fault`, never raised.
         """
@@ -157,7 +157,7 @@ class Judge:
             self._watched[stage].learn(measured[stage], (*self._names, "growth_rate"))
             reached += 1
             missed = self._violations(measured)
-            if missed and (missed.get(STABLE, 0.0) > 0.0 or max(missed.values()) > FAR):
+            if missed[STABLE] > 0.0 or (not everywhere and max(missed.values()) > FAR):
                 break
         complete = reached == len(self.stages)
         return self._record(measured, missed, complete, STAGE_PENALTY * (len(self.stages) - reached))
