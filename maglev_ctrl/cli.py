@@ -20,6 +20,7 @@ from maglev_ctrl.cli_forces import forces
 from maglev_ctrl.cli_identify import identify
 from maglev_ctrl.cli_map import stability_map
 from maglev_ctrl.cli_reproduce import reproduce
+from maglev_ctrl.cli_simulate import simulate
 from maglev_ctrl.cli_terminal import BAD_INPUT, NOT_PASSED, PASSED, Stopped, console, progress
 
 if TYPE_CHECKING:
@@ -94,6 +95,7 @@ app.command()(forces)
 app.command()(identify)
 app.command(name="map")(stability_map)
 app.command()(reproduce)
+app.command()(simulate)
 
 
 @app.command()

@@ -25,20 +25,25 @@ def nonlinear_blocks(option: OptionStudy) -> list[Block]:
     if study is None:
         reason = option.nonlinear_reason
         return [Paragraph(f"The nonlinear vehicle was not simulated: {reason}")] if reason else []
+    return study_blocks(study, option.label, key=option.name)
+
+
+def study_blocks(study: NonlinearStudy, label: str, *, key: str) -> list[Block]:
+    """The same for a study on its own, of the option with that label; `key` begins the names of its figures."""
     blocks: list[Block] = [*_banners(study), Paragraph(_runs_words(study))]
     if study.compared:
-        blocks.append(_compared_table(option.label, study.compared))
+        blocks.append(_compared_table(label, study.compared))
         told = tuple(f"{c.name}: {c.reason}" for c in study.compared if c.reason)
         blocks += [Bullets(told)] if told else []
     if study.events:
-        blocks.append(_event_table(option.label, study))
+        blocks.append(_event_table(label, study))
     if study.saturated:
         blocks.append(Paragraph(_saturation_words(study)))
     if study.limit_cycle:
         blocks.append(Paragraph(f"{study.limit_cycle[0].upper()}{study.limit_cycle[1:].rstrip('.')}."))
     if study.attraction:
-        blocks.append(_attraction_table(option.label, study))
-    chart = time_traces(option, study)
+        blocks.append(_attraction_table(label, study))
+    chart = time_traces(study, label, key=key)
     blocks += [FigureBlock(chart)] if chart is not None else []
     if study.assumptions:
         blocks += [Paragraph("What the simulation assumes:"), Bullets(study.assumptions)]
@@ -134,7 +139,7 @@ def _attraction_table(label: str, study: NonlinearStudy) -> Table:
     )  # fmt: skip
 
 
-def time_traces(option: OptionStudy, study: NonlinearStudy) -> Chart | None:
+def time_traces(study: NonlinearStudy, label: str, *, key: str) -> Chart | None:
     """Signals of one run against time, one panel each; None without signals."""
     shown = study.signals[:_MOST_SIGNALS]
     if not shown or not study.time.size:
@@ -151,9 +156,9 @@ def time_traces(option: OptionStudy, study: NonlinearStudy) -> Chart | None:
     more = f" {left} more signals are in report.json." if left else ""
     ranges = ", ".join(f"{s.name} {_range(s.values)} {unit_words(s.unit)}".rstrip() for s in shown)
     return Chart(
-        key=f"{option.name}-traces",
-        caption=f"One run of the nonlinear vehicle of {option.label}, thinned for the figure.{more}",
-        alt=f"Signals of one run of {option.label} over {number(study.duration, 's')}: {ranges}.",
+        key=f"{key}-traces",
+        caption=f"One run of the nonlinear vehicle of {label}, thinned for the figure.{more}",
+        alt=f"Signals of one run of {label} over {number(study.duration, 's')}: {ranges}.",
         panels=panels,
         panel_height=1.0,
         legend="none",

@@ -391,7 +391,7 @@ _BENDING_STIFFNESS = Unit("a bending stiffness", "N*m^2", "4e10 N*m^2", "positiv
 _ACCELERATION_DENSITY = Unit("an acceleration density", "m^2/s^4/Hz", "0.01 m^2/s^4/Hz", "positive")
 _POWER = Unit("a power", "W", "5 kW", "nonnegative")
 _FORCE_RATE = Unit("a force rate", "N/s", "100 kN/s", "positive")
-_POSITIVE_TIME = Unit("a time", "s", "2 ms", "positive")
+POSITIVE_TIME = Unit("a time", "s", "2 ms", "positive")
 KINDS = (
     LENGTH, _MASS, _INERTIA, _TIME, _SPEED, _FORCE, _STIFFNESS, _DAMPING, _CONDUCTIVITY, _CURRENT, _BANDWIDTH,
     _ACCELERATION, _LENGTH_NOISE, _SPEED_NOISE, _ACCELERATION_NOISE, _ANGULAR_ACCELERATION,
@@ -434,7 +434,7 @@ BendingStiffness = Annotated[float, _BENDING_STIFFNESS]
 AccelerationDensity = Annotated[float, _ACCELERATION_DENSITY]
 Power = Annotated[float, _POWER]
 ForceRate = Annotated[float, _FORCE_RATE]
-PositiveTime = Annotated[float, _POSITIVE_TIME]
+PositiveTime = Annotated[float, POSITIVE_TIME]
 AnyQuantity = Annotated[Quantity, _AnyUnit()]
 NonnegativeQuantity = Annotated[Quantity, _AnyUnit("nonnegative")]
 Ratio = Annotated[float, _Plain()]

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from maglev_ctrl.analysis.simulation.records import Trajectory
 from maglev_ctrl.arrays import FloatArray
-from maglev_ctrl.errors import Agreement
+from maglev_ctrl.errors import Agreement, Verdict
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -66,3 +67,28 @@ class NonlinearStudy:
     signals: tuple[SimulatedSignal, ...]
     assumptions: tuple[str, ...]
     seconds: float
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class SimulationStudy:
+    """One option simulated on request: the check, and every signal of every run."""
+
+    title: str
+    name: str  # of the scenario
+    scenario_hash: str
+    scenario_text: str
+    option: str
+    label: str
+    summary: tuple[str, ...]
+    study: NonlinearStudy
+    trajectory: Trajectory
+    versions: tuple[tuple[str, str], ...]
+    created: str  # ISO 8601, UTC
+
+    @property
+    def verdict(self) -> Verdict:
+        """FAIL where a run touched or ended early, NOT EVALUATED where a comparison does not agree, else PASS."""
+        if self.study.events:
+            return Verdict.FAIL
+        agreed = all(one.agreement is Agreement.AGREED for one in self.study.compared)
+        return Verdict.PASS if agreed else Verdict.NOT_EVALUATED
