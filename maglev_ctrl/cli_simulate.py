@@ -46,8 +46,8 @@ def simulate(
     """Simulate one option with its full force map and hold the linear theory against it.
 
     Writes simulation.html, simulation.pdf, simulation.json and trajectory.nc. A contact is a result: when, which
-    magnet, how fast. Exit status: 0 nothing touched and linear and nonlinear agree, 1 something touched, ended early or does
-    not agree, 2 wrong input.
+    magnet, how fast. Exit status: 0 nothing touched and linear and nonlinear agree, 1 something touched, ended early
+    or does not agree, 2 wrong input.
     """
     from maglev_ctrl.errors import ScenarioError
     from maglev_ctrl.report.folder import require_writable
