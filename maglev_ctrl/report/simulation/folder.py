@@ -57,12 +57,7 @@ def simulation_model(study: SimulationStudy) -> Report:
     check = study_blocks(study.study, study.label, key=study.option)
     sections = (
         Section(f"Option: {study.label}", "option", 1, tuple(blocks), study.verdict),
-        Section(
-            "Linear theory and nonlinear vehicle",
-            "check",
-            1,
-            tuple(study_blocks(study.study, study.label, key=study.option)),
-        ),
+        Section("Linear theory and nonlinear vehicle", "check", 1, tuple(check)),
         Section("Method", "method", 1, (Bullets(METHOD),)),
         Section("Scenario file", "scenario", 1, (Listing(study.scenario_text),)),
     )
