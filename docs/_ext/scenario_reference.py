@@ -1,9 +1,14 @@
-"""Directives `scenario-reference` (every table and key, from the JSON Schema) and `scenario-library` (every file)."""
+"""Directives that write the reference from the code.
+
+`scenario-reference` (every table and key, from the JSON Schema), `requirement-packs` (every pack with the sources of
+its limits) and `scenario-library` (every file).
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from math import degrees
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +17,7 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 from maglev_ctrl.scenario import json_schema, load
+from maglev_ctrl.scenario.requirement_packs import SOURCES, pack_requirements
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -40,6 +46,19 @@ TITLES = {
     "Outline": "[[forces.guideway.conductor]]",
     "LengthRange": "forces.height_range, gap_range",
     "SpeedRange": "forces.velocity_range",
+    "TuneRecord": "[[option.tune]]",
+    "Irregularity": "[irregularity]",
+    "Band": "irregularity.band",
+    "Girder": "[irregularity.girder]",
+    "FlexibleGirder": "[irregularity.girder.flexible]",
+    "Step": "[irregularity.step]",
+    "Ride": "[ride]",
+    "Passenger": "[[ride.passenger]]",
+    "Mask": "[[ride.mask]]",
+    "MaskPoint": "[[ride.mask.point]]",
+    "Uncertainty": "[uncertainty]",
+    "Tuning": "[tuning]",
+    "Simulation": "[simulation]",
 }
 
 
@@ -73,6 +92,23 @@ class ScenarioReference(SphinxDirective):
         return section
 
 
+class RequirementPacks(SphinxDirective):
+    """A table of the packs: what each asks for, and where its limits come from."""
+
+    has_content = False
+
+    def run(self) -> list[nodes.Node]:
+        """Build the table."""
+        rows = []
+        for pack, source in SOURCES.items():
+            asked = "; ".join(
+                f"`{one.quantity}` {one.sense.replace('_', ' ')} {limit_words(one.limit, one.unit)}"
+                for one in pack_requirements(pack, swept=True)
+            )
+            rows.append((pack, asked, source))
+        return [key_table(rows, heads=("Pack", "Asks for", "Source of the limits"), widths=(22, 38, 40))]
+
+
 class ScenarioLibrary(SphinxDirective):
     """A table of the scenario files of the project, read by the project's own reader."""
 
@@ -100,15 +136,16 @@ def title(name: str, record: Schema) -> str:
         chosen = properties["quantity"]
         values = [chosen["const"]] if "const" in chosen else chosen["enum"]
         return f"[[requirement]] quantity = {', '.join(values)}"
-    for key in ("model", "law", "kind", "shape"):
+    for key in ("model", "law", "kind", "shape", "form"):
         chosen = properties.get(key, {})
         values = [chosen["const"]] if "const" in chosen else chosen.get("enum", [])
         if values:
             if name.endswith("Source"):
                 return f'[[periodic.source]] {key} = "{values[0]}"'
-            table = {"law": "[option.control]", "kind": "[[option.sensor]]", "shape": "[forces.guideway]"}.get(
-                key, "[forces]" if name.endswith("Forces") else "[vehicle]"
-            )
+            table = {
+                "law": "[option.control]", "kind": "[[option.sensor]]", "shape": "[forces.guideway]",
+                "form": "irregularity.vertical, lateral, cross_level:",
+            }.get(key, "[forces]" if name.endswith("Forces") else "[vehicle]")  # fmt: skip
             return f"{table} {key} = {' or '.join(literal(value) for value in values)}"
     return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)
 
@@ -204,21 +241,27 @@ def words(text: str) -> list[nodes.Node]:
     return parts
 
 
+def limit_words(limit: float, unit: str) -> str:
+    """A limit as people write it: angles in degrees, short times in milliseconds."""
+    scale, unit = {"rad": (degrees(1.0), "deg"), "s": (1e3, "ms")}.get(unit, (1.0, unit))
+    return f"{scale * limit:g} {unit}".rstrip()
+
+
 def key_table(
-    rows: list[tuple[str, str, str, str]],
+    rows: Sequence[tuple[str, ...]],
     *,
     heads: tuple[str, ...] = ("Key", "Value", "Default", "Meaning"),
     widths: tuple[int, ...] = (16, 34, 18, 32),
 ) -> nodes.table:
     """A table whose first column is literal text."""
-    group = nodes.tgroup(cols=4)
+    group = nodes.tgroup(cols=len(widths))
     for width in widths:
         group += nodes.colspec(colwidth=width)
     head, body = nodes.thead(), nodes.tbody()
     head += row_of([nodes.paragraph("", label) for label in heads])
-    for key, value, default, told in rows:
+    for key, *told in rows:
         cells = [nodes.paragraph("", "", nodes.literal(key, key))]
-        cells += [nodes.paragraph("", "", *words(text)) for text in (value, default, told)]
+        cells += [nodes.paragraph("", "", *words(text)) for text in told]
         body += row_of(cells)
     group += [head, body]
     return nodes.table("", group)
@@ -235,5 +278,6 @@ def row_of(cells: list[nodes.paragraph]) -> nodes.row:
 def setup(app: Sphinx) -> dict[str, Any]:
     """Register the directive."""
     app.add_directive("scenario-reference", ScenarioReference)
+    app.add_directive("requirement-packs", RequirementPacks)
     app.add_directive("scenario-library", ScenarioLibrary)
     return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}
