@@ -17,7 +17,7 @@ FILE = (Path(__file__).parents[2] / "scenarios" / "compare" / "eds_135t.toml").r
 
 
 def smooth(text: str) -> str:
-    """The train without the tables of guideway, ride and spreads, and without what is asked of them: tests add theirs."""
+    """The train without tables of guideway, ride and spreads, and without what is asked of them: tests add theirs."""
     before, _, rest = text.partition("[irregularity]\n")
     options = rest[rest.index("# ------") :].partition("# What passengers feel")[0]
     return before.replace('packs = ["robust"]\n', "") + options
