@@ -145,6 +145,22 @@ def test_a_misspelt_test_would_be_missed() -> None:
     assert f"def {found[1]}(" not in (ROOT / found[0]).read_text(encoding="utf-8").replace(found[1] + "`", "")
 
 
+def named_test_files(text: str) -> set[str]:
+    """Test files that a page names."""
+    return set(re.findall(r"`(tests/[\w/]+\.py)[`:]", text))
+
+
+def test_test_files_named_by_the_pages_exist() -> None:
+    named = {name for page in PAGES for name in named_test_files(page.read_text(encoding="utf-8"))}
+    assert len(named) >= 40
+    assert sorted(name for name in named if not (ROOT / name).is_file()) == []
+
+
+def test_a_test_file_that_is_not_there_would_be_missed() -> None:
+    (found,) = named_test_files("| x | `tests/unit/test_no_such_file.py` |")
+    assert not (ROOT / found).is_file()
+
+
 @pytest.mark.slow
 def test_the_readme_example_runs() -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
