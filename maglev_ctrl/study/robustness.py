@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from maglev_ctrl.analysis.robustness.exact_delays import DelayedPlant
 from maglev_ctrl.analysis.robustness.parameters import UncertainParameter
 from maglev_ctrl.analysis.robustness.records import WorstCase
 from maglev_ctrl.analysis.robustness.worst_case import worst_case
 from maglev_ctrl.errors import ModelError
+from maglev_ctrl.study.loops import option_loops
 from maglev_ctrl.study.situation import OptionModel, Situation
 from maglev_ctrl.systems import Controller
 from maglev_ctrl.vehicle import Vehicle
-
-TIME_LIMIT = 20.0
-"""s for the proof: most end by themselves long before; one that is cut leaves a smaller guaranteed factor."""
 
 
 def uncertain_parameters(model: OptionModel, vehicle: Vehicle) -> tuple[UncertainParameter, ...]:
@@ -57,4 +58,7 @@ def robustness_study(model: OptionModel, controller: Controller | None) -> Worst
     parameters = uncertain_parameters(model, vehicle)
     if not parameters:
         raise ModelError("the vehicle has none of the parameters that [uncertainty] is about")
-    return worst_case(model.plant(point), model.law_at(point, controller), parameters, time_limit=TIME_LIMIT)
+    law = model.law_at(point, controller)
+    loops = option_loops(model, point, controller) if law is not None else None
+    delayed = DelayedPlant(loops.plant, loops.delays) if loops is not None and np.any(loops.delays > 0.0) else None
+    return worst_case(model.plant(point), law, parameters, delayed=delayed)

@@ -9,13 +9,13 @@ can cross: every loop in the box is stable.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from time import monotonic
 
 import numpy as np
 
 from maglev_ctrl.analysis.hamiltonian import balanced_realisation, response
 from maglev_ctrl.analysis.robustness.scalings import Scales, balancing, real_mu_upper
 from maglev_ctrl.analysis.robustness.uncertain_loop import UncertainLoop
+from maglev_ctrl.analysis.robustness.work import Work, matrix_cost
 from maglev_ctrl.analysis.structured_peak import Interval, next_pick, without
 from maglev_ctrl.arrays import ComplexArray, FloatArray
 
@@ -44,14 +44,14 @@ class Proof:
 
 
 def prove(
-    loop: UncertainLoop, *, level: float, rising: bool = False, deadline: float = np.inf, seeds: tuple[float, ...] = ()
+    loop: UncertainLoop, *, level: float, rising: bool = False, work: Work | None = None, seeds: tuple[float, ...] = ()
 ) -> Proof:
     """Bound mu of the uncertain loop by `level` at every frequency; `rising` lets the level rise to where it holds.
 
     Parameters
     ----------
     loop : its nominal state matrix is stable
-    deadline : end of the search on the clock of `time.monotonic`
+    work : budget that every look is taken from; left out, without end
     seeds : frequencies (rad/s) to look at first
 
     Raises
@@ -69,6 +69,7 @@ def prove(
     poles = np.linalg.eigvals(loop.A) if loop.A.size else np.zeros(0, dtype=complex)
     if np.any(poles.real >= 0.0):
         raise ValueError(f"loop: expected a stable nominal loop, got a pole at {poles[np.argmax(poles.real)]:.6g}")
+    budget = Work() if work is None else work
     A, B, C, D = _even_channels(loop, np.asarray(poles + 0j))
     order = np.argsort(-poles.real / np.maximum(np.abs(poles), 1e-300))
     rates = np.abs(poles)
@@ -81,7 +82,7 @@ def prove(
     for look in range(_MOST_LOOKS):
         if not rest:
             return Proof(level, True, worst, look)
-        if monotonic() > deadline:
+        if budget.ended():
             return Proof(level, False, worst, look)
         omega = next_pick(picks, rest)
         value = response(A, B, C, D, np.array([omega]))[0]
@@ -89,7 +90,9 @@ def prove(
             value, loop.blocks, start=scales, level=level, target=_AIM * level, enough=_ENOUGH * level
         )
         if rising and bound.value >= level * _ENOUGH:  # a level once risen stays: look harder before
+            budget.spend(bound.work)
             bound = real_mu_upper(value, loop.blocks, start=bound.scales, level=level, target=_ENOUGH * level)
+        budget.spend(bound.work)
         scales = bound.scales
         if bound.value >= level * (1.0 - 1e-6):
             worst = omega
@@ -99,13 +102,21 @@ def prove(
         elif bound.value > _AIM * level:
             worst = omega
         low, high = _held(A, B, C, D, scales, level, omega)
+        budget.spend(_look_cost(loop))
         if low >= high:  # scales from a neighbour may have run far away: once more from none
-            scales = real_mu_upper(value, loop.blocks, level=level, target=_AIM * level).scales
+            bound = real_mu_upper(value, loop.blocks, level=level, target=_AIM * level)
+            scales = bound.scales
+            budget.spend(bound.work + _look_cost(loop))
             low, high = _held(A, B, C, D, scales, level, omega)
         if low >= high:
             return Proof(level, False, omega, look)
         rest = without(rest, (low, high))
     return Proof(level, False, rest[0][0] if rest else worst, _MOST_LOOKS)
+
+
+def _look_cost(loop: UncertainLoop) -> float:
+    n, r = map(int, loop.B.shape)
+    return matrix_cost(2 * n) + (2 * _PROBES + 2 * n) * matrix_cost(min(n, r))
 
 
 def _even_channels(loop: UncertainLoop, poles: ComplexArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

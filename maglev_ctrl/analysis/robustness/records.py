@@ -78,6 +78,8 @@ class WorstCase:
     `factor` : by what factor the spreads may grow, from both sides
     `growth` : largest real part of a pole, 1/s; `damping` : smallest damping ratio of an oscillating mode;
     `disk` : smallest balanced disk margin of all channels at once
+    `reason` : why the verdict is what it is, wherever it is no plain pass
+    `exact_delays` : what the stability gate says with exact delays at the points found; empty without delays
     """
 
     names: tuple[str, ...]
@@ -90,3 +92,4 @@ class WorstCase:
     agreement: Agreement
     reason: str
     seconds: float
+    exact_delays: str = ""

@@ -9,12 +9,13 @@ tells how far around the frequency the same scales hold.
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
 import scipy.optimize
 
+from maglev_ctrl.analysis.robustness.work import matrix_cost
 from maglev_ctrl.arrays import ComplexArray, FloatArray
 
 _SHARPNESS = (8.0, 80.0, 800.0)
@@ -23,6 +24,7 @@ _LEAST_D = 1e-2
 _PULL = 1e-9
 _LARGEST_G = 1e3
 _EVENED = 1e-8
+_DESCENT = 5.0
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -35,10 +37,11 @@ class Scales:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ScaledBound:
-    """The bound `value` on mu that the scales prove at one frequency."""
+    """The bound `value` on mu that the scales prove at one frequency; `work` units went into it."""
 
     value: float
     scales: Scales
+    work: float = 0.0
 
 
 def real_mu_upper(
@@ -67,16 +70,18 @@ def real_mu_upper(
     bound = ScaledBound(values[best], candidates[best])
     if level <= 0.0:
         level = values[0] or 1.0
+    spent = 0.0
     for sharpness, steps in zip(_SHARPNESS, _STEPS, strict=True):
         if bound.value <= max(target, enough) or bound.value == 0.0:
             break
         unit = Scales(bound.scales.T, bound.scales.G / level)
-        found = _descended(matrix / level, blocks, unit, sharpness, steps, goal=(target / level) ** 2)
+        found, looks = _descended(matrix / level, blocks, unit, sharpness, steps, goal=(target / level) ** 2)
+        spent += _DESCENT * looks * matrix_cost(matrix.shape[0])
         trial = Scales(found.T, found.G * level)
         value = _proven(matrix, trial)
         if value < bound.value:
             bound = ScaledBound(value, trial)
-    return bound
+    return replace(bound, work=spent)
 
 
 def balancing(matrix: ComplexArray) -> Scales:
@@ -124,13 +129,14 @@ class _Reached(Exception):
 
 def _descended(
     matrix: ComplexArray, blocks: tuple[int, ...], start: Scales, sharpness: float, steps: int, *, goal: float
-) -> Scales:
-    """Scales after a descent of a smooth maximum of the eigenvalues (generalised, of the pencil in D and G)."""
+) -> tuple[Scales, int]:
+    """Scales after a descent of a smooth maximum of the eigenvalues (generalised, of the pencil in D and G), looks."""
     r = matrix.shape[0]
     rows, columns = np.nonzero(block_mask(blocks))
     count = rows.size
     N = scaled_response(matrix, start)
     best: list[tuple[float, FloatArray]] = []
+    looks = 0
 
     def unpacked(free: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         X, Y = np.zeros((r, r), complex), np.zeros((r, r), complex)
@@ -139,6 +145,8 @@ def _descended(
         return np.asarray(np.eye(r) + X), np.asarray(start.G + 0.5 * (Y + Y.conj().T))
 
     def descent(free: FloatArray) -> tuple[float, FloatArray]:
+        nonlocal looks
+        looks += 1
         T, G = unpacked(free)
         D = T.conj().T @ T + _LEAST_D * np.eye(r)
         back = np.linalg.inv(np.linalg.cholesky(D)).conj().T
@@ -183,4 +191,4 @@ def _descended(
         if np.linalg.norm(moved, 2) <= _LARGEST_G:
             break
         least *= 4.0
-    return Scales(np.asarray(T @ start.T), np.asarray(0.5 * (moved + moved.conj().T)))
+    return Scales(np.asarray(T @ start.T), np.asarray(0.5 * (moved + moved.conj().T))), looks

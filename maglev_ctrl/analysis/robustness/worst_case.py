@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
-from time import monotonic
+from dataclasses import replace
 
 import numpy as np
 
 from maglev_ctrl.analysis.disk import multi_loop_disk
 from maglev_ctrl.analysis.loops import Loop, balanced
-from maglev_ctrl.analysis.robustness.factor import factor_bounds, prove_box
+from maglev_ctrl.analysis.robustness.exact_delays import DelayedPlant, delayed_loop, stable_with_exact_delays
+from maglev_ctrl.analysis.robustness.factor import EFFORT, LATE, bounded, prove_box
 from maglev_ctrl.analysis.robustness.parameters import UncertainParameter, perturbed_system
 from maglev_ctrl.analysis.robustness.records import FactorBounds, WorstCase, WorstPoint
 from maglev_ctrl.analysis.robustness.search import (
@@ -18,9 +20,11 @@ from maglev_ctrl.analysis.robustness.search import (
     growth_rates,
     least_damped,
     least_damping_ratios,
+    modal_corners,
     smallest_damping,
 )
 from maglev_ctrl.analysis.robustness.uncertain_loop import UncertainLoop, uncertain_loop
+from maglev_ctrl.analysis.robustness.work import Work
 from maglev_ctrl.analysis.stability_gate import close
 from maglev_ctrl.arrays import FloatArray, read_only_any
 from maglev_ctrl.errors import Agreement, ModelError, NotStable, Verdict
@@ -28,7 +32,11 @@ from maglev_ctrl.systems import Controller, SecondOrderSystem, close_loop
 
 _STARTS = 3
 _SAME = 1e-6
-_DISK_POINTS = 40
+_DISK_POINTS = 24
+_DISK_ROUNDS = 4
+_FACTOR_SHARE = 0.75
+_BRACKET = 1e-3
+_GATE = {True: "stable", False: "unstable", None: "not settled"}
 Assembled = Callable[[FloatArray], SecondOrderSystem]
 
 
@@ -37,14 +45,18 @@ def worst_case(
     controller: Controller | None,
     parameters: Sequence[UncertainParameter],
     *,
-    time_limit: float = 4.0,
+    effort: float = EFFORT,
+    time_limit: float | None = None,
+    delayed: DelayedPlant | None = None,
 ) -> WorstCase:
     """Worst growth rate, damping ratio and disk margin within the spreads, and by what factor the spreads may grow.
 
     Parameters
     ----------
     controller : continuous; None for a passive option, which has no disk margin
-    time_limit : s, roughly, for the whole call
+    effort : units of `Work` for the proofs, about a microsecond each; equal efforts give equal results everywhere
+    time_limit : s, an emergency stop; None: the clock is never looked at. Where it strikes, `reason` says so
+    delayed : the plant without its delays' Pade forms, to look again with exact delays at the points found
 
     Raises
     ------
@@ -58,7 +70,7 @@ def worst_case(
     >>> found.stable.value, round(found.damping.value, 6), round(found.factor.limit, 3)
     ('PASS', 0.025, 1.998)
     """
-    began = monotonic()
+    began, work = time.perf_counter(), Work(effort, time_limit=time_limit)
     loop = uncertain_loop(plant, controller, parameters)
     nominal = np.linalg.eigvals(loop.A)
     if np.any(nominal.real >= 0.0):
@@ -72,36 +84,100 @@ def worst_case(
         system = assembled(changes)
         return (system if controller is None else close_loop(system, controller)).state_matrix()
 
-    bounds = factor_bounds(loop, time_limit=0.6 * time_limit, assembled=state_matrix)
+    bounds = bounded(loop, work.part(_FACTOR_SHARE), assembled=state_matrix)
     spread = min(1.0, bounds.limit)
-    points = spread * corners(len(loop.blocks))
+    signs = np.vstack([corners(len(loop.blocks)), modal_corners(loop, np.array([0.5 * spread, spread]))])
+    points = spread * np.unique(signs, axis=0)
     growth = _worst_growth(loop, points, spread, state_matrix)
-    stable, reason = _verdict(loop, bounds, growth, began + 0.8 * time_limit)
+    stable, reason = _verdict(loop, bounds, growth, work)
     damping = _worst_damping(loop, points, spread, state_matrix)
-    disk = _worst_disk(loop, controller, assembled, points, (growth, damping), began + time_limit)
+    disk = _worst_disk(loop, controller, assembled, points, (growth, damping))
+    exact = ""
+    if delayed is not None and controller is not None:
+        exact, stable, bounds, reason = _with_exact_delays(
+            loop, (delayed, controller, parameters), growth, stable, bounds, reason
+        )
     resolved = stable is not Verdict.NOT_EVALUATED and all(point.verified for point in (growth, damping))
+    if work.late():
+        reason = f"{reason}; {LATE}" if reason else LATE
     return WorstCase(
         names=loop.names, spreads=loop.spreads, stable=stable, factor=bounds, growth=growth, damping=damping, disk=disk,
-        agreement=Agreement.AGREED if resolved else Agreement.UNRESOLVED, reason=reason, seconds=monotonic() - began,
+        agreement=Agreement.AGREED if resolved else Agreement.UNRESOLVED, reason=reason,
+        seconds=time.perf_counter() - began, exact_delays=exact,
     )  # fmt: skip
 
 
-def _verdict(loop: UncertainLoop, bounds: FactorBounds, growth: WorstPoint, deadline: float) -> tuple[Verdict, str]:
-    if bounds.found <= 1.0 or (growth.verified and growth.value >= 0.0):
-        return Verdict.FAIL, "an unstable combination lies within the spreads"
+def _verdict(loop: UncertainLoop, bounds: FactorBounds, growth: WorstPoint, work: Work) -> tuple[Verdict, str]:
+    if bounds.found <= 1.0:
+        return Verdict.FAIL, (
+            f"robustly unstable: already {bounds.found:.4g} of the spreads hold a combination with a pole on the axis, "
+            f"replayed in the model assembled again: {changes_words(loop, bounds.changes)}"
+        )
+    if growth.verified and growth.value >= 0.0:
+        return Verdict.FAIL, _unstable_inside(loop, growth.changes)
     if bounds.limit < 1.0:
         return Verdict.NOT_EVALUATED, "a spread of 100 % or more lets a parameter fall to zero"
     if bounds.proven >= 1.0:
         return Verdict.PASS, ""
-    outcome = prove_box(loop, factor=1.0, deadline=deadline)
+    outcome = prove_box(loop, factor=1.0, work=work)
     if outcome.stable:
         return Verdict.PASS, f"proven in {outcome.boxes} parts"
-    if outcome.stable is False:
-        return Verdict.FAIL, "an unstable combination lies within the spreads"
+    if outcome.stable is False and outcome.point is not None:
+        return Verdict.FAIL, _unstable_inside(loop, outcome.point)
     return Verdict.NOT_EVALUATED, (
-        "UNRESOLVED: no unstable combination found within the spreads, "
-        f"stability proven up to {bounds.proven:.4g} of them"
+        "UNRESOLVED: neither proven stable nor shown unstable within the spreads. No unstable combination was found in "
+        f"them, but stability is proven up to {bounds.proven:.4g} of them only"
+        + (f"; the smallest unstable combination found needs {bounds.found:.4g}" if np.isfinite(bounds.found) else "")
     )
+
+
+def _unstable_inside(loop: UncertainLoop, changes: FloatArray) -> str:
+    return f"robustly unstable: within the spreads, this combination is unstable: {changes_words(loop, changes)}"
+
+
+def changes_words(loop: UncertainLoop, changes: FloatArray) -> str:
+    """A combination in words, in percent of the parameters.
+
+    Examples
+    --------
+    >>> loop = UncertainLoop.from_affine([[-1.0]], [[[1.0]]], names=("stiffness",), spreads=[0.2])
+    >>> changes_words(loop, np.array([-0.5]))
+    'stiffness -10 %'
+    """
+    percent = 100.0 * changes * loop.spreads
+    return ", ".join(f"{name} {value:+.3g} %" for name, value in zip(loop.names, percent, strict=True))
+
+
+def _with_exact_delays(
+    loop: UncertainLoop,
+    model: tuple[DelayedPlant, Controller, Sequence[UncertainParameter]],
+    growth: WorstPoint,
+    stable: Verdict,
+    bounds: FactorBounds,
+    reason: str,
+) -> tuple[str, Verdict, FactorBounds, str]:
+    """The points found, through the stability gate with exact delays: words, and verdicts where they do not hold up."""
+
+    def holds(changes: FloatArray) -> bool | None:
+        return stable_with_exact_delays(delayed_loop(*model, changes * loop.spreads))
+
+    told: list[str] = []
+    if growth.value < 0.0:
+        inside = holds(growth.changes)
+        told.append(f"at the worst growth within the spreads {_GATE[inside]}")
+        if inside is False:
+            stable = Verdict.FAIL
+            reason = f"with exact delays {_unstable_inside(loop, growth.changes)}"
+    if np.isfinite(bounds.found):
+        below, beyond = (holds(share * bounds.changes) for share in (1.0 - _BRACKET, 1.0 + _BRACKET))
+        percent = 100.0 * _BRACKET
+        told.append(f"{percent:g} % below the found factor {_GATE[below]}, {percent:g} % above it {_GATE[beyond]}")
+        if below is False or beyond is True:
+            doubt = "UNRESOLVED: with exact delays the found combination is not where stability ends"
+            bounds = replace(
+                bounds, agreement=Agreement.UNRESOLVED, reason="; ".join(one for one in (bounds.reason, doubt) if one)
+            )
+    return "with exact delays: " + "; ".join(told) if told else "", stable, bounds, reason
 
 
 def _worst_growth(
@@ -140,9 +216,11 @@ def _worst_disk(
     assembled: Assembled,
     points: FloatArray,
     known: tuple[WorstPoint, ...],
-    deadline: float,
 ) -> WorstPoint:
-    """Corners and the points found for growth and damping, ranked by a quick bound; the worst is computed in full."""
+    """Corners and the points found for growth and damping, then single parameters turned round; the worst in full.
+
+    A quick bound ranks them.
+    """
     if controller is None:
         return _nothing(loop, "there is no loop to break")
     if any(point.value >= 0.0 for point in known[:1]):
@@ -153,12 +231,14 @@ def _worst_disk(
     places = [np.zeros(p), *(point.changes for point in known if np.all(np.isfinite(point.changes))), *ranked]
     try:
         nominal = _disk(controller, assembled, np.zeros(p))
-        quick: list[float] = []
-        for place in places:
-            if monotonic() > deadline and quick:
+        quick = [_quick_disk(controller, assembled, place) for place in places]
+        least, place = min(quick), places[int(np.argmin(quick))]
+        for _ in range(_DISK_ROUNDS):
+            around = [np.where(np.arange(p) == k, -place, place) for k in range(p)]
+            quick = [_quick_disk(controller, assembled, one) for one in around]
+            if min(quick) >= least * (1.0 - _SAME):
                 break
-            quick.append(_quick_disk(controller, assembled, place))
-        place = places[int(np.argmin(quick))]
+            least, place = min(quick), around[int(np.argmin(quick))]
         worst = _disk(controller, assembled, place)
     except (NotStable, ModelError, np.linalg.LinAlgError) as fault:
         return _nothing(loop, f"{fault}")
