@@ -28,7 +28,7 @@ from maglev_ctrl.report.model import (
 )
 from maglev_ctrl.report.model import Table as TableBlock
 from maglev_ctrl.report.style import ABSENT, number
-from maglev_ctrl.report.values import judged_cell, value_words
+from maglev_ctrl.report.values import breakable, judged_cell, value_words
 from maglev_ctrl.study.records import Comparison, OptionStudy, RequirementResult
 
 
@@ -98,18 +98,13 @@ def _verdict_matrix(comparison: Comparison) -> TableBlock:
         judged = {r.name: judged_cell(r) for r in option.requirements}
         found = [judged.get(name, Cell("not asked")) for name in names]
         rows.append((Cell(option.label), cell(option.verdict), *found))
-    heads = ("Option", "Overall", *(_breakable(name) for name in names))
+    heads = ("Option", "Overall", *(breakable(name) for name in names))
     wishes = any(not r.hard for option in comparison.options for r in option.requirements)
     return TableBlock(
         "Verdicts of every option on every requirement: ✓ PASS, ✗ FAIL, ? NOT EVALUATED"
         + ("; a wish that is missed (✗ wish) fails nothing" if wishes else ""),
         heads, tuple(rows), (1.6, 1.0, *(1.0 for _ in names)), small=True,
     )  # fmt: skip
-
-
-def _breakable(name: str) -> str:
-    """A requirement's name that may break after its underscores."""
-    return name.replace("_", "_\N{ZERO WIDTH SPACE}")
 
 
 def _value_table(comparison: Comparison) -> TableBlock:
@@ -128,7 +123,7 @@ def _value_table(comparison: Comparison) -> TableBlock:
     return TableBlock(
         f"Values of every requirement's quantity, ≥ and ≤ where only a bound is known; in brackets the change from "
         f"{base.label} where both are exact",
-        ("Option", *(_breakable(name) for name in names)), tuple(rows), (1.6, *(1.0 for _ in names)), small=True,
+        ("Option", *(breakable(name) for name in names)), tuple(rows), (1.6, *(1.0 for _ in names)), small=True,
     )  # fmt: skip
 
 

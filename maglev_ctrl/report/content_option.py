@@ -20,7 +20,7 @@ from maglev_ctrl.report.model import Banner, Block, Bullets, FigureBlock, Paragr
 from maglev_ctrl.report.ride import ride_blocks
 from maglev_ctrl.report.ride.summary import at_design
 from maglev_ctrl.report.style import ABSENT, SIGMA, number
-from maglev_ctrl.report.values import judged_cell, margin_words, reason_words, value_words, with_prefix
+from maglev_ctrl.report.values import breakable, judged_cell, margin_words, reason_words, value_words, with_prefix
 from maglev_ctrl.study.records import Comparison, FloquetStudy, OptionStudy, Sweep
 from maglev_ctrl.vehicle import magnet_circuits
 from maglev_ctrl.vehicle.operating import Hold
@@ -100,7 +100,7 @@ def requirement_table(option: OptionStudy, caption: str) -> Table:
     rows = tuple(
         (
             *row(
-                r.name, r.description, f"{'≥' if r.sense == 'at_least' else '≤'} {number(r.limit, r.unit)}",
+                breakable(r.name), r.description, f"{'≥' if r.sense == 'at_least' else '≤'} {number(r.limit, r.unit)}",
                 value_words(r), margin_words(r), r.worst_at or ABSENT, r.method,
             ),
             judged_cell(r),

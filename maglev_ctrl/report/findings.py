@@ -21,14 +21,24 @@ CHOICE = (
     "known exactly count, bounds do not, nor do wishes."
 )
 
+CHOICE_OF_TUNED = (
+    "The leading option is chosen by its verdict (PASS before NOT EVALUATED before FAIL), then by the fewest failed "
+    "requirements, then by its place in the ranking of the tuned options."
+)
+
 
 def leading_option(comparison: Comparison) -> OptionStudy | None:
-    """The option to show first, as `CHOICE` says."""
+    """The option to show first, as `CHOICE` says, or `CHOICE_OF_TUNED` after tuning."""
     rank = {Verdict.PASS: 0, Verdict.NOT_EVALUATED: 1, Verdict.FAIL: 2}
     judged = [o for o in comparison.options if o.requirements and not o.failure]
     if not judged:
         return comparison.options[0] if comparison.options else None
-    return min(judged, key=lambda o: (rank[o.verdict], len(failed(o)), len(missed_wishes(o)), -_smallest(o)))
+    tuning = comparison.tuning
+    place = {} if tuning is None else {entry.option: entry.place for entry in tuning.ranking}
+    return min(
+        judged,
+        key=lambda o: (rank[o.verdict], len(failed(o)), place.get(o.name, 0), len(missed_wishes(o)), -_smallest(o)),
+    )
 
 
 def failed(option: OptionStudy) -> tuple[RequirementResult, ...]:
@@ -70,7 +80,8 @@ def key_findings(comparison: Comparison) -> tuple[str, ...]:
     sentences = [lead, *_baseline(comparison)]
     best = leading_option(comparison)
     if best is not None:
-        sentences += [*_leading(best, several=len(options) > 1), *ride_findings(best), *_resonance(best)]
+        choice = "" if len(options) == 1 else CHOICE if comparison.tuning is None else CHOICE_OF_TUNED
+        sentences += [*_leading(best, choice), *ride_findings(best), *_resonance(best)]
     sentences += [*decided_by_ride(comparison), *tuning_findings(comparison.tuning)]
     sentences += _wishes(comparison)
     sentences += [f"{o.label}: {warning}" for o in options if (warning := unforced_warning(o))]
@@ -90,11 +101,11 @@ def key_findings(comparison: Comparison) -> tuple[str, ...]:
     return tuple(sentences)
 
 
-def _leading(best: OptionStudy, *, several: bool) -> list[str]:
+def _leading(best: OptionStudy, choice: str) -> list[str]:
     """How close the leading option is to its limits, and what of it is known only as a bound."""
     if not best.requirements:
         return []
-    who = f"The leading option, {best.label}," if several else best.label
+    who = f"The leading option, {best.label}," if choice else best.label
     tight = tightest(best)
     if tight is None:
         said = [f"{who} has no exactly known margin in per cent: its values are bounds, their limits are zero, or they "
@@ -106,7 +117,7 @@ def _leading(best: OptionStudy, *, several: bool) -> list[str]:
     bounds = known_bounds(best.requirements)
     if bounds:
         said.append(f"Known only as bounds for {best.label}: {'; '.join(bound_words(r) for r in bounds)}.")
-    return [*said, CHOICE] if several else said
+    return [*said, choice] if choice else said
 
 
 def _wishes(comparison: Comparison) -> list[str]:

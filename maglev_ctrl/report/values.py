@@ -82,3 +82,14 @@ def exact_margins(results: tuple[RequirementResult, ...]) -> tuple[RequirementRe
 def known_bounds(results: tuple[RequirementResult, ...]) -> tuple[RequirementResult, ...]:
     """The results whose value is only a bound."""
     return tuple(r for r in results if r.bound != "exact" and not math.isnan(r.value))
+
+
+def breakable(name: str) -> str:
+    """A requirement's name that may break after its underscores.
+
+    Examples
+    --------
+    >>> len(breakable("gain_margin")) - len("gain_margin")
+    1
+    """
+    return name.replace("_", "_\N{ZERO WIDTH SPACE}")

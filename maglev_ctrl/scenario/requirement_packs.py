@@ -49,7 +49,7 @@ _LIMITS: Final[dict[Pack, tuple[tuple[str, str, float | str], ...]]] = {
 
 @cache
 def pack_requirements(pack: Pack, *, swept: bool) -> tuple[RequirementRecord, ...]:
-    """The requirements of a pack, named "<pack>_<quantity>".
+    """The requirements of a pack, named after their quantities.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def pack_requirements(pack: Pack, *, swept: bool) -> tuple[RequirementRecord, ..
     return tuple(
         reader.validate_python(
             {
-                "name": f"{pack}_{quantity}"[:40],
+                "name": quantity,
                 "quantity": quantity,
                 sense: limit,
                 "over": "speed" if swept else "nominal",

@@ -218,11 +218,19 @@ class Scenario(Record):
 
     @property
     def judged(self) -> tuple[RequirementRecord, ...]:
-        """Every requirement: those of the file, then those of its packs that the file does not name itself."""
-        swept = self.operating.sweep.speed is not None
-        named = {one.name for one in self.requirements}
-        packed = (one for pack in self.packs for one in pack_requirements(pack, swept=swept))
-        return (*self.requirements, *(one for one in packed if one.name not in named))
+        """Every requirement: those of the file, then those of its packs that the file does not name itself.
+
+        A pack's requirement has the name of its quantity, with the pack's before it where an earlier pack has that.
+        """
+        swept, taken = self.operating.sweep.speed is not None, {one.name for one in self.requirements}
+        found, packed = list(self.requirements), set[str]()
+        for pack in self.packs:
+            for one in pack_requirements(pack, swept=swept):
+                name = one.name if one.name not in packed else f"{pack}_{one.name}"[:40]
+                packed.add(name)
+                if name not in taken:
+                    found.append(one if name == one.name else one.model_copy(update={"name": name}))
+        return tuple(found)
 
     @property
     def solved_force(self) -> AbstractForceModel | None:

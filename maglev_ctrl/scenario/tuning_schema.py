@@ -38,7 +38,7 @@ class Tuning(Record):
         "margin (least disk margin, larger is better), damping (least damping ratio, larger is better)",
     )  # fmt: skip
     population: int = Field(24, ge=8, le=400, description="candidates of one generation")
-    generations: int = Field(25, ge=1, le=2000, description="how often they are bred anew")
+    generations: int = Field(15, ge=1, le=2000, description="how often they are bred anew")
     seed: int = Field(1, ge=0, le=2**31 - 1, description="of the random numbers; another seed is another search")
     choose: Literal["knee", "ride", "gap", "stroke", "power", "force", "margin", "damping"] = Field(
         "knee", description="which point of the Pareto front is taken: its knee, or its best in one objective"

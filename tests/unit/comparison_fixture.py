@@ -255,7 +255,7 @@ def tuning() -> TuningStudy:
     )
     situations = ("design point", "100 km/h", "550 km/h, payload 0 t")
     return TuningStudy(
-        method="NSGA-II, population 24, 25 generations", in_loop=("stable", "damping", "disk", "ride"),
+        method="NSGA-II, population 24, 25 generations, seed 1", in_loop=("stable", "damping", "disk", "ride"),
         after=("modulation",), objectives=axes, situations=situations, options=options, ranking=ranking, shifts=shifts,
         seconds=185.0,
     )  # fmt: skip

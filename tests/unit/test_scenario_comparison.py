@@ -128,14 +128,20 @@ def test_packs_are_requirements_with_a_source(pack: Pack) -> None:
     assert SOURCES[pack]
     assert [one.quantity for one in swept] == [one.quantity for one in nominal]
     assert {one.over for one in swept} == {"speed"} and {one.over for one in nominal} == {"nominal"}
-    assert all(one.name.startswith(pack[:20]) for one in swept)
+    assert [one.name for one in swept] == [one.quantity for one in swept]
 
 
 def test_a_requirement_of_the_file_takes_the_place_of_a_packs(tmp_path: Path) -> None:
-    own = '[[requirement]]\nname = "gap_gap_used"\nquantity = "gap_used"\nat_most = 0.7\n'
+    own = '[[requirement]]\nname = "gap_used"\nquantity = "gap_used"\nat_most = 0.7\n'
     scenario = load(train(tmp_path, ROUGH + own, top='packs = ["gap"]'))
     found = {one.name: one.limit for one in scenario.judged}
-    assert found["gap_gap_used"] == 0.7 and found["gap_contact_probability"] == 1e-6
+    assert found["gap_used"] == 0.7 and found["contact_probability"] == 1e-6
+
+
+def test_two_packs_of_one_quantity_are_told_apart(tmp_path: Path) -> None:
+    scenario = load(train(tmp_path, top='packs = ["iso_14839_zone_a", "iso_14839_zone_b"]'))
+    found = {one.name: one.limit for one in scenario.judged}
+    assert found["sensitivity_peak"] == 3.0 and found["iso_14839_zone_b_sensitivity_peak"] == 4.0
 
 
 def test_spectra_and_seats(tmp_path: Path) -> None:

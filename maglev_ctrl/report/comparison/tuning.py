@@ -11,7 +11,8 @@ from maglev_ctrl.errors import Verdict
 from maglev_ctrl.report.chart import Chart
 from maglev_ctrl.report.comparison.pareto import Front, Objective, ParetoChartData, pareto_chart
 from maglev_ctrl.report.model import Banner, Block, Bullets, Cell, FigureBlock, Paragraph, Section, Table, row
-from maglev_ctrl.report.style import ABSENT, TIMES, number
+from maglev_ctrl.report.style import ABSENT, TIMES, number, unit_words
+from maglev_ctrl.report.values import breakable
 from maglev_ctrl.study.tuning.records import ObjectiveAxis, TunedOption, TunedVariable, TuningStudy
 
 _MOST_SITUATIONS: Final = 8
@@ -39,7 +40,7 @@ def fronts(study: TuningStudy) -> Chart | None:
     ]  # fmt: skip
     if not any(np.isfinite(front.points).all(axis=1).any() for front in told):
         return None
-    axes = tuple(Objective(axis.label, axis.unit, axis.sense) for axis in study.objectives)
+    axes = tuple(Objective(axis.label, unit_words(axis.unit), axis.sense) for axis in study.objectives)
     return pareto_chart(ParetoChartData(axes, tuple(told)), key="tuning-fronts")
 
 
@@ -63,21 +64,21 @@ def _ranking_blocks(study: TuningStudy) -> list[Block]:
     if study.ranking:
         blocks.append(_ranking_table(study))
     if study.shifts:
-        blocks += [Paragraph(_firmness(study)), _shift_table(study)]
+        blocks.append(Paragraph(_firmness(study)))
+        if any(shift.changed for shift in study.shifts):
+            blocks.append(_shift_table(study))
     return blocks
 
 
 def _method_words(study: TuningStudy) -> str:
-    seeds = sorted({option.seed for option in study.options})
     asked = sum(option.evaluations for option in study.options)
     count = len(study.situations)
     shown = ", ".join(study.situations[:_MOST_SITUATIONS])
     more = f" and {count - _MOST_SITUATIONS} more" if count > _MOST_SITUATIONS else ""
-    seed = "seed" if len(seeds) == 1 else "seeds"
     return (
-        f"Every option was tuned by the same method with the same budget: {study.method}, {seed} "
-        f"{', '.join(map(str, seeds))}; {asked} candidates in {number(study.seconds, 's')}. Each was judged at {count} "
-        f"operating points: {shown}{more}. Another seed is another search: what it finds is not proven to be the best."
+        f"Every option was tuned by the same method with the same budget: {study.method}; {asked} candidates in "
+        f"{number(study.seconds, 's')}. Each was judged at {count} operating points: {shown}{more}. Another seed is "
+        "another search: what it finds is not proven to be the best."
     )
 
 
@@ -96,7 +97,7 @@ def _judged_words(study: TuningStudy) -> list[str]:
 
 
 def _axis_head(axis: ObjectiveAxis) -> str:
-    return f"{axis.label} ({axis.unit})" if axis.unit else axis.label
+    return f"{axis.label} ({unit_words(axis.unit)})" if axis.unit else axis.label
 
 
 def _lost_words(option: TunedOption) -> str:
@@ -131,7 +132,7 @@ def _feasible_cell(option: TunedOption) -> Cell:
         return Cell("? no result", Verdict.NOT_EVALUATED)
     if option.feasible:
         return Cell("✓ met", Verdict.PASS)
-    return Cell(f"✗ {option.binding}", Verdict.FAIL)
+    return Cell(f"✗ {breakable(option.binding)}", Verdict.FAIL)
 
 
 def _variable_table(study: TuningStudy) -> Table | None:
@@ -171,7 +172,11 @@ def _ranking_table(study: TuningStudy) -> Table:
         if option is not None and 0 <= option.chosen < len(option.front):
             point = option.front[option.chosen]
             values = [number(float(v) * axis.scale) for v, axis in zip(point, study.objectives, strict=True)]
-        misses = Cell(f"✗ {', '.join(entry.misses)}", Verdict.FAIL) if entry.misses else Cell("✓ none", Verdict.PASS)
+        misses = (
+            Cell(f"✗ {breakable(', '.join(entry.misses))}", Verdict.FAIL)
+            if entry.misses
+            else Cell("✓ none", Verdict.PASS)
+        )
         rows.append((*row(str(entry.place), entry.label, *values, number(entry.distance)), misses))
     heads = ("Place", "Option", *(_axis_head(axis) for axis in study.objectives), "Distance", "Misses")
     return Table(
@@ -193,23 +198,22 @@ def _firmness(study: TuningStudy) -> str:
         if first is None
         else f"; {first.label} " + (f"loses first place in {lost}" if lost else "stays first in all")
     )
-    return f"The ranking changes in {moved} of {len(study.shifts)} trials{who}."
+    same = ", ".join(dict.fromkeys(shift.what for shift in study.shifts if not shift.changed))
+    kept = f" It stays as it is with another {same}." if same else ""
+    return f"The ranking changes in {moved} of {len(study.shifts)} trials{who}.{kept}"
 
 
 def _shift_table(study: TuningStudy) -> Table:
     labels = {entry.option: entry.label for entry in study.ranking}
     order = [entry.label for entry in study.ranking]
     rows = tuple(
-        (
-            *row(
-                shift.what, f"{TIMES} {number(shift.factor)}", labels.get(shift.first, shift.first),
-                "; ".join(f"{place}. {name}" for place, name in sorted(zip(shift.places, order, strict=True))),
-            ),
-            Cell("changed" if shift.changed else "same"),
+        row(
+            breakable(shift.what), f"{TIMES} {number(shift.factor)}", labels.get(shift.first, shift.first),
+            "; ".join(f"{place}. {name}" for place, name in sorted(zip(shift.places, order, strict=True))),
         )
-        for shift in study.shifts
+        for shift in study.shifts if shift.changed
     )  # fmt: skip
     return Table(
-        "How firm the ranking is: one limit or weight changed at a time",
-        ("Changed", "By", "Then first", "Places", "Ranking"), rows, (1.8, 0.7, 1.7, 3.4, 0.9), right=(1,), small=True,
+        "What changes the ranking: one limit or weight changed at a time",
+        ("Changed", "By", "Then first", "Places"), rows, (1.8, 0.7, 1.7, 3.4), right=(1,), small=True,
     )  # fmt: skip
