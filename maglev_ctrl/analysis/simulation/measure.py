@@ -127,7 +127,8 @@ def _growth(samples: FloatArray, found: Trajectory, scale: FloatArray) -> Growth
     modes, residual = fitted_modes(inside, found.interval)
     half = inside.shape[1] // 2
     ends = [fitted_modes(part, found.interval)[0] for part in (inside[:, :half], inside[:, half:])]
-    rates = [float(part[0].real) for part in ends if len(part)]
+    # The same motion in either half: what else a half holds (roundings of what has decayed) says nothing about it.
+    rates = [float(part[np.argmin(np.abs(part - modes[0]))].real) for part in ends if len(part)]
     spread = abs(rates[0] - rates[1]) if len(rates) == 2 else np.nan
     table = np.stack([modes.real, np.abs(modes.imag)], axis=-1)
     return Growth(

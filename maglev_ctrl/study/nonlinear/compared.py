@@ -29,6 +29,10 @@ CONFIDENCE = 0.95
 so disagreement is told only where the wider of two bands misses by as much again."""
 _FAULTS = (MaglevError, ValueError, ArithmeticError, np.linalg.LinAlgError)
 CYCLES = 12.0
+DECAYS = 4.0
+"""Time constants of the slowest decay that a window holds: of what is smaller, roundings would be fitted."""
+LARGEST_TOLERANCE, LARGEST_RESIDUAL = 0.05, 0.01
+"""Of |s|: a rate known less well than this confirms nothing; so does a fit that leaves more than this unexplained."""
 
 
 def compared_growth(one: SimulatedOption) -> tuple[Compared, float]:
@@ -45,11 +49,16 @@ def compared_growth(one: SimulatedOption) -> tuple[Compared, float]:
     except _FAULTS as fault:
         return _row("growth rate of small motions", "1/s", abscissa, np.nan, np.nan, np.nan, f"{fault}"), abscissa
     near = s[np.argmin(np.abs(s - complex(found.rate, found.frequency)))]
-    allowed = max(GROWTH_TOLERANCE * abs(near), 2.0 * found.spread)
-    reason = _growth_doubt(found, near, slow, allowed, one.request.smallest_growth)
+    reason = _growth_doubt(found, near, slow, _allowed(found, abs(near)), one.request.smallest_growth)
     name = f"growth rate of small motions, {found.frequency / (2.0 * np.pi):.3g} Hz"
     low, high = found.rate - found.spread, found.rate + found.spread
     return _row(name, "1/s", float(near.real), found.rate, low, high, reason), abscissa
+
+
+def _allowed(found: Growth, size: float) -> float:
+    """How far a measured rate may be from that of a root of this size, 1/s."""
+    spread = found.spread if np.isfinite(found.spread) else 0.0
+    return float(np.clip(2.0 * spread, GROWTH_TOLERANCE * size, LARGEST_TOLERANCE * size))
 
 
 def _window(s: np.ndarray) -> float:
@@ -58,10 +67,12 @@ def _window(s: np.ndarray) -> float:
     slowest = float(np.min(oscillating, initial=np.inf))
     decays = -float(np.max(s.real))
     wanted = CYCLES * 2.0 * np.pi / slowest if np.isfinite(slowest) else 10.0
-    return float(np.clip(wanted, 1.0, max(12.0 / decays, 1.0) if decays > 0.0 else 30.0))
+    return float(np.clip(wanted, 1.0, max(DECAYS / decays, 1.0) if decays > 0.0 else 30.0))
 
 
 def _growth_doubt(found: Growth, near: complex, slow: complex, allowed: float, smallest: float) -> str:
+    if found.residual > LARGEST_RESIDUAL:
+        return f"no few modes explain the nonlinear motion: {100.0 * found.residual:.2g} % of it are left over"
     if abs(found.rate - near.real) > allowed:
         return f"the nonlinear motion grows at {found.rate:.4g} 1/s, the nearest mode at {near.real:.4g} 1/s"
     both = min(abs(found.rate), abs(slow.real)) > smallest
@@ -131,7 +142,7 @@ def compared_tongue(one: SimulatedOption) -> list[Compared]:
         return [_row(name, "1/s", np.nan, np.nan, np.nan, np.nan, f"{fault}")]
     rates = np.asarray(theory.exponents).real
     near = float(rates[np.argmin(np.abs(rates - found.rate))])
-    allowed = max(GROWTH_TOLERANCE * float(np.max(np.abs(theory.exponents))), 2.0 * found.spread)
+    allowed = _allowed(found, float(np.max(np.abs(theory.exponents))))
     verdicts = min(abs(found.rate), abs(float(np.max(rates)))) > one.request.smallest_growth
     reason = ""
     if abs(found.rate - near) > allowed:
