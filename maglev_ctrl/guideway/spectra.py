@@ -274,7 +274,9 @@ def federal_railroad(
     >>> float(f"{fine.density(1.0):.4g}"), fine.poles_at_zero
     (3.404e-07, 1)
     """
+    name = "Federal Railroad Administration form"
     if amplitude is None:
+        name = f"{name}, class {line_class}"
         if line_class not in FEDERAL_RAILROAD_AMPLITUDES:
             raise ValueError(f"line_class: expected 5 or 6, or an amplitude in m^2 rad/m, got {line_class}")
         amplitude = FEDERAL_RAILROAD_AMPLITUDES[line_class]
@@ -294,8 +296,8 @@ def federal_railroad(
         _require_positive(value, label, unit)
     square = corner**2
     return Roughness(
-        (factor * amplitude * square,), (1.0, square, 0.0), name=f"Federal Railroad Administration class {line_class}",
-        source=source,
+        (factor * amplitude * square,), (1.0, square, 0.0), name=name,
+        source=source or f"A = {amplitude:g} m^2 rad/m as given",
     )  # fmt: skip
 
 
