@@ -78,7 +78,8 @@ class ScenarioReference(SphinxDirective):
         """One record: what it is, and a table of its keys."""
         anchor = nodes.make_id(f"scenario {heading}")
         section = nodes.section(ids=[anchor])
-        section += nodes.title(heading, "", nodes.literal(heading, heading) if "[" in heading else nodes.Text(heading))
+        of_the_file = "[" in heading or '"' in heading
+        section += nodes.title(heading, "", nodes.literal(heading, heading) if of_the_file else nodes.Text(heading))
         self.state.document.note_implicit_target(section, section)
         for paragraph in record.get("description", "").split("\n\n"):
             if paragraph.strip():
