@@ -21,16 +21,20 @@ _CROSS = np.array(
 )
 """phi_k _CROSS[k] is the matrix of phi x ...; (3, 3, 3)."""
 
+_FIVE = [0, 1, 2, 0, 1]
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Frame:
     """The points of a vehicle about one posture: m magnets, then p pushes, then own and far ends of l links.
 
-    `carried` and `turned` (n, 3 k): translation and rotation of each point's body over the coordinates; `lever` (3, k)
-    m in the posture; `rotated` (9 b, 3 k): what the bodies' rotation matrices make of the levers; `turns` (n, 3 b).
+    `carried` (n, 3 k) and `turned` (n, 5 k): translation and rotation of each point's body over the coordinates;
+    `lever` (5, k) m in the posture; `rotated` (9 b, 5 k): what the bodies' rotation matrices make of the levers;
+    `turns` (n, 3 b). Of five rows x, y, z, x, y two shifted slices make a vector product without a copy.
     `shift` (3, k) of the posture itself; `plain` (n, 3 k): all motion of the points with the levers of the posture.
     `turning`: whether levers turn; `twists`: whether a link is angular. `sway_rows` (n, m): the lateral motion of the
     magnets in the paper's kinematics, which ignores roll; None where it is the points' own.
+    `ends` (3 k, l): strokes of the points' displacements; `pull` (l, 5 k): forces on the points of the links' tensions.
     """
 
     carried: FloatArray
@@ -47,9 +51,8 @@ class Frame:
     links: int
     sway_rows: FloatArray | None
     sway_shift: FloatArray
-    direction: FloatArray
-    apart: FloatArray
-    angular: FloatArray
+    ends: FloatArray
+    pull: FloatArray
     angular_rows: FloatArray
 
     @classmethod
@@ -75,11 +78,17 @@ class Frame:
         turns = np.moveaxis(known.spread[:, 3:], -1, 0)
         paper = vehicle.kinematics == "paper"
         m = len(known.count)
+        own = m + len(known.drag_factor)
+        direction = known.direction[:links].T * ~known.angular[:links]
+        ends = np.zeros((3, k, links))
+        for link in range(links):
+            ends[:, own + link, link] = direction[:, link]
+            ends[:, own + links + link, link] = -known.apart[link] * direction[:, link]
         return cls(
             carried=read_only_any(pointwise[:, :3].transpose(2, 1, 0).reshape(n, 3 * k)),
-            turned=read_only_any(pointwise[:, 3:].transpose(2, 1, 0).reshape(n, 3 * k)),
-            lever=read_only_any(lever),
-            rotated=read_only_any(rotated.reshape(9 * b, 3 * k)),
+            turned=read_only_any(pointwise[:, 3:].transpose(2, 1, 0)[:, _FIVE].reshape(n, 5 * k)),
+            lever=read_only_any(lever[_FIVE]),
+            rotated=read_only_any(rotated[:, :, :, _FIVE].reshape(9 * b, 5 * k)),
             turns=read_only_any(turns.reshape(n, 3 * b)),
             shift=read_only_any(here.shift[chosen].T),
             plain=read_only_any(here.jacobian[chosen].transpose(2, 1, 0).reshape(n, 3 * k)),
@@ -90,16 +99,15 @@ class Frame:
             links=links,
             sway_rows=read_only_any(here.magnet_motion[:, 1].T) if paper else None,
             sway_shift=read_only_any(here.magnet_shift[:, 1]),
-            direction=read_only_any(known.direction[:links].T * ~known.angular[:links]),
-            apart=read_only_any(known.apart[:links]),
-            angular=read_only_any(known.angular[:links].astype(np.float64)),
+            ends=read_only_any(ends.reshape(3 * k, links)),
+            pull=read_only_any(ends[_FIVE].reshape(5 * k, links).T),
             angular_rows=read_only_any((here.stroke[:links] * known.angular[:links, None]).T),
         )
 
-    def levers(self, q: FloatArray) -> FloatArray:
-        """Levers (3, k) or (r, 3, k) at increments (r, n)."""
+    def levers(self, q: FloatArray) -> tuple[FloatArray, FloatArray | None]:
+        """Levers (5, k) or (r, 5, k) at increments (r, n), and how far they are from those of the posture."""
         if not self.turning:
-            return self.lever
+            return self.lever, None
         b = self.turns.shape[1] // 3
         vector = (q @ self.turns).reshape(-1, b, 3)
         angle = np.sqrt(np.einsum("rbi,rbi->rb", vector, vector))
@@ -108,44 +116,33 @@ class Frame:
         first = (np.sin(safe) / safe)[..., None, None]
         second = (2.0 * (np.sin(0.5 * safe) / safe) ** 2)[..., None, None]
         rotation = first * cross + second * (cross @ cross)
-        return np.asarray(self.lever + (rotation.reshape(len(q), 9 * b) @ self.rotated).reshape(len(q), 3, -1))
+        turned = (rotation.reshape(len(q), 9 * b) @ self.rotated).reshape(len(q), 5, -1)
+        return self.lever + turned, turned
 
-    def shifts(self, q: FloatArray, lever: FloatArray) -> FloatArray:
-        """Displacement of the points from the level posture, (r, 3, k)."""
-        if self.turning:
-            moved = (q @ self.carried).reshape(len(q), 3, -1)
-            return np.asarray(self.shift + moved + (lever - self.lever))
-        return np.asarray(self.shift + (q @ self.plain).reshape(len(q), 3, -1))
+    def moved(self, q: FloatArray, turned: FloatArray | None) -> FloatArray:
+        """Displacement of the points from the posture, (r, 3, k)."""
+        if turned is None:
+            return np.asarray((q @ self.plain).reshape(len(q), 3, -1))
+        return np.asarray((q @ self.carried).reshape(len(q), 3, -1) + turned[:, :3])
 
     def velocities(self, v: FloatArray, lever: FloatArray) -> FloatArray:
         """Velocities of the points, (r, 3, k)."""
         if not self.turning:
             return np.asarray((v @ self.plain).reshape(len(v), 3, -1))
         moved = (v @ self.carried).reshape(len(v), 3, -1)
-        return np.asarray(moved + _crossed((v @ self.turned).reshape(len(v), 3, -1), lever))
+        return np.asarray(moved + _crossed((v @ self.turned).reshape(len(v), 5, -1), lever))
 
     def gathered(self, force: FloatArray, lever: FloatArray) -> FloatArray:
-        """Generalised force (r, n) of forces (r, 3, k) at the points."""
+        """Generalised force (r, n) of forces (r, 5, k) at the points."""
         r = len(force)
+        direct = force[:, :3].reshape(r, -1)
         if not self.turning:
-            return np.asarray(force.reshape(r, -1) @ self.plain.T)
+            return np.asarray(direct @ self.plain.T)
         moment = _crossed(lever, force)
-        return np.asarray(force.reshape(r, -1) @ self.carried.T + moment.reshape(r, -1) @ self.turned.T)
-
-    def along(self, points: FloatArray) -> FloatArray:
-        """Components (r, l) along the links of their own ends' motion (r, 3, k) relative to their far ends'."""
-        own = self.magnets + self.pushes
-        ends = points[..., own : own + self.links] - self.apart * points[..., own + self.links :]
-        return np.asarray((self.direction * ends).sum(axis=-2))
+        k = force.shape[-1]
+        return np.asarray(direct @ self.carried.T + moment.reshape(r, -1) @ self.turned[:, : 3 * k].T)
 
 
 def _crossed(a: FloatArray, b: FloatArray) -> FloatArray:
-    """a x b over the axis before the last, (..., 3, k)."""
-    ax, ay, az = a[..., 0, :], a[..., 1, :], a[..., 2, :]
-    bx, by, bz = b[..., 0, :], b[..., 1, :], b[..., 2, :]
-    first = ay * bz - az * by
-    found = np.empty((*first.shape[:-1], 3, first.shape[-1]))
-    found[..., 0, :] = first
-    found[..., 1, :] = az * bx - ax * bz
-    found[..., 2, :] = ax * by - ay * bx
-    return found
+    """a x b, (..., 3, k) of rows x, y, z, x, y, (..., 5, k) each."""
+    return np.asarray(a[..., 1:4, :] * b[..., 2:5, :] - a[..., 2:5, :] * b[..., 1:4, :])

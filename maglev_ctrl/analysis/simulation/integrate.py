@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from maglev_ctrl.analysis.simulation.events import Bounds, Node
 from maglev_ctrl.analysis.simulation.ground import Ground
-from maglev_ctrl.analysis.simulation.loop import Law, Past, Schedule
+from maglev_ctrl.analysis.simulation.loop import Law, Schedule
 from maglev_ctrl.analysis.simulation.magnets import extra_current
 from maglev_ctrl.analysis.simulation.motion import Equations, Rates
+from maglev_ctrl.analysis.simulation.past import Past
 from maglev_ctrl.analysis.simulation.records import Event
 from maglev_ctrl.analysis.simulation.store import Store
 from maglev_ctrl.arrays import FloatArray
@@ -77,8 +78,15 @@ class Integration:
         self._issued: list[FloatArray] = []
         self._none = np.zeros((runs, count))
         self._past: Past | None = None
+        self._late = self._delayed = np.zeros(0, dtype=np.int64)
         if law is not None and continuous and np.any(~law.immediate):
-            self._past = Past(law.delays, step=float(schedule.widths[0]), runs=runs)
+            late, equations = ~law.immediate, problem.equations
+            self._late = law.columns[late]
+            self._past = Past(
+                law.delays[late], step=float(schedule.widths[0]), runs=runs,
+                low=equations.low[self._late], high=equations.high[self._late],
+            )  # fmt: skip
+            self._delayed = np.flatnonzero(late)
 
     def run(self, store: Store, frames: int) -> Outcome:
         """Integrate a number of frames; every sample goes into the store."""
@@ -121,10 +129,11 @@ class Integration:
                     break
                 equations = problem.equations
                 applied = first.rates.applied
-                at_limit = (applied <= equations.low) | (applied >= equations.high)
-                limited[self._rows] += width * at_limit
+                if equations.limited:
+                    at_limit = (applied <= equations.low) | (applied >= equations.high)
+                    limited[self._rows] += width * at_limit
                 if self._past is not None:
-                    self._past.put(node, first.command)
+                    self._past.put(node, first.command[:, self._delayed], self._carried())
                 self._advance(first, width, node, frame, step, ground)
                 ground.respond(time, here, width)
                 node += 1
@@ -141,20 +150,24 @@ class Integration:
         self._x = x + width / 6.0 * (first.change + 2.0 * (second.change + third.change) + fourth.change)
 
     def _slope(
-        self, x: FloatArray, node: int, half: int, ground: tuple[FloatArray, FloatArray], factor: FloatArray | None
+        self,
+        x: FloatArray,
+        node: int,
+        half: int,
+        ground: tuple[FloatArray, FloatArray] | None,
+        factor: FloatArray | None,
     ) -> _Slope:
         law, equations = self._problem.law, self._problem.equations
         q, v, xi = x[:, : self._n], x[:, self._n : 2 * self._n], x[:, 2 * self._n : 2 * self._n + self._xi]
         if law is None or law.sampled:
             rates = equations.rates((q, v, xi), self._held, ground=ground, factor=factor)
             command = self._none if law is None or not self._issued else self._issued[-1]
-            return _Slope(self._change(v, rates, x[:, :0]), rates, command)
+            return _Slope(self._change(v, rates, None), rates, command)
         states = x[:, 2 * self._n + self._xi + 1 :]
         given = np.zeros((len(x), self._inputs))
         if self._past is not None:
-            given[:, law.columns] = np.where(law.immediate, 0.0, self._past.at(node, half))
-            given = equations.saturated(given)
-        still = law.readings.still(q, v, xi, *ground) + self._noise
+            given[:, self._late] = self._past.at(node, half)
+        still = law.readings.still(x[:, : 2 * self._n + self._xi], ground) + self._noise
         command = law.command(states, still)
         if not law.accelerates:
             rates = equations.rates((q, v, xi), self._with(given, command, law), ground=ground, factor=factor)
@@ -165,7 +178,7 @@ class Integration:
         if law.unlooped is not None:
             # The readings above are without the immediate commands, which add to them.
             command = command @ law.unlooped.T
-        if np.any(law.immediate):
+        if len(law.prompt):
             rates = equations.rates((q, v, xi), self._with(given, command, law), ground=ground, factor=factor)
             y = still + rates.acceleration @ law.readings.acceleration
             for _ in range(RESOLVES if law.unlooped is not None else 0):
@@ -187,24 +200,31 @@ class Integration:
 
     def _with(self, given: FloatArray, command: FloatArray, law: Law) -> FloatArray:
         """Delayed commands, already given, with the immediate ones put in and saturated."""
-        if not np.any(law.immediate):
+        columns = law.prompt
+        if not len(columns):
             return given
         found = given.copy()
-        columns = law.columns[law.immediate]
         found[:, columns] = self._problem.equations.saturated(self._spread(command, law))[:, columns]
         return found
 
-    def _change(self, v: FloatArray, rates: Rates, states: FloatArray) -> FloatArray:
-        power = np.einsum("ri,ri->r", v @ self._problem.equations.mass, rates.acceleration)
-        return np.concatenate([v, rates.acceleration, rates.internal, power[:, None], states], axis=1)
+    def _change(self, v: FloatArray, rates: Rates, states: FloatArray | None) -> FloatArray:
+        change = np.empty(self._x.shape)
+        n, at = self._n, 2 * self._n + self._xi
+        change[:, :n] = v
+        change[:, n : 2 * n] = rates.acceleration
+        change[:, 2 * n : at] = rates.internal
+        np.einsum("ri,ri->r", v, rates.force, out=change[:, at])
+        if states is not None:
+            change[:, at + 1 :] = states
+        return change
 
-    def _sample(self, ground: tuple[FloatArray, FloatArray], factor: FloatArray | None) -> None:
+    def _sample(self, ground: tuple[FloatArray, FloatArray] | None, factor: FloatArray | None) -> None:
         """A sampled law reads, updates its states and issues its commands."""
         law, equations = self._problem.law, self._problem.equations
         assert law is not None
         x, n = self._x, self._n
         q, v, xi = x[:, :n], x[:, n : 2 * n], x[:, 2 * n : 2 * n + self._xi]
-        y = law.readings.still(q, v, xi, *ground) + self._noise
+        y = law.readings.still(x[:, : 2 * n + self._xi], ground) + self._noise
         if law.accelerates:
             rates = equations.rates((q, v, xi), self._held, ground=ground, factor=factor)
             y = y + rates.acceleration @ law.readings.acceleration
@@ -233,6 +253,16 @@ class Integration:
         drawn = np.stack([self._random[row].standard_normal(len(deviation)) for row in self._rows])
         self._noise = drawn * deviation
 
+    def _carried(self) -> tuple[FloatArray, FloatArray] | None:
+        """What the held noise has in the delayed commands, and in their rate through the law's own states."""
+        law = self._problem.law
+        if law is None or not np.any(law.noise):
+            return None
+        parts = [self._noise @ matrix.T for matrix in (law.controller.D, law.controller.C @ law.controller.B)]
+        if law.unlooped is not None:
+            parts = [part @ law.unlooped.T for part in parts]
+        return parts[0][:, self._delayed], parts[1][:, self._delayed]
+
     def _node(self, time: float, rates: Rates) -> Node:
         q, xi = self._x[:, : self._n], self._x[:, 2 * self._n : 2 * self._n + self._xi]
         windings = self._problem.bounds.saturating
@@ -250,12 +280,12 @@ class Integration:
             self._past.keep(rows)
         return replace(slope, change=slope.change[rows], rates=_rows(slope.rates, rows), command=slope.command[rows])
 
-    def _put(self, store: Store, sample: int, slope: _Slope, ground: tuple[FloatArray, FloatArray]) -> None:
+    def _put(self, store: Store, sample: int, slope: _Slope, ground: tuple[FloatArray, FloatArray] | None) -> None:
         x, n = self._x, self._n
         store.put(
             sample,
             self._rows,
-            state=(x[:, :n], x[:, n : 2 * n], x[:, 2 * n : 2 * n + self._xi]),
+            state=x[:, : 2 * n + self._xi],
             rates=slope.rates,
             ground=ground,
             command=slope.command,
@@ -292,12 +322,14 @@ class _Window:
         self._first, self._last = frame, frame + self._frames
         frames = np.arange(self._first, self._last)
         self._now = (frames[:, None] * self._schedule.frame + self._times).ravel()
-        if not self._problem.ground.responds:
+        if self._problem.ground.tracks and not self._problem.ground.responds:
             self._w, self._rate = self._problem.ground.at(self._now, rows)
         self._factors = self._problem.equations.factors(self._problem.modulation, self._now)
 
-    def at(self, frame: int, step: int, half: int) -> tuple[FloatArray, FloatArray]:
-        """Displacements and rates (r or 1, nw) `half` half steps after a node."""
+    def at(self, frame: int, step: int, half: int) -> tuple[FloatArray, FloatArray] | None:
+        """Displacements and rates (r or 1, nw) `half` half steps after a node; None: there is no track."""
+        if not self._problem.ground.tracks:
+            return None
         i = self._index(frame, step, half)
         if self._problem.ground.responds:
             w, rate = self._problem.ground.at(self._now[i : i + 1], self._rows)

@@ -15,21 +15,19 @@ from maglev_ctrl.vehicle import Vehicle
 ON_GRID = 1e-6
 """Share of a sampling period within which a time counts as one of its nodes."""
 
-STEPS_PER_DELAY = 3
-"""Least integration steps within a continuous law's shortest delay: the past is interpolated by cubics."""
-
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Readings:
-    """y = H_q q + H_v q' + H_a q'' + H_xi xi + H_w w + H_wv w' of named outputs or states; matrices (*, y)."""
+    """y = H_q q + H_v q' + H_a q'' + H_xi xi + H_w w + H_wv w' of named outputs or states; matrices (*, y).
+
+    `motion`: of [q, q', xi] side by side; `ground`, `ground_rate` of w and w', None where nothing reads them.
+    """
 
     names: tuple[str, ...]
-    position: FloatArray
-    velocity: FloatArray
+    motion: FloatArray
     acceleration: FloatArray
-    internal: FloatArray
-    ground: FloatArray
-    ground_rate: FloatArray
+    ground: FloatArray | None
+    ground_rate: FloatArray | None
 
     @classmethod
     def of(cls, system: SecondOrderSystem, names: Sequence[str]) -> Readings:
@@ -56,21 +54,32 @@ class Readings:
                 parts[3][system.internal.index(name), column] = 1.0
             else:
                 raise ValueError(f"measured: {name!r} is neither an output nor a state of the vehicle")
-        return cls(tuple(names), *(read_only_any(part) for part in parts))
-
-    def still(self, q: FloatArray, v: FloatArray, xi: FloatArray, w: FloatArray, w_rate: FloatArray) -> FloatArray:
-        """Everything but the accelerations' part, (r, y)."""
-        return np.asarray(
-            q @ self.position + v @ self.velocity + xi @ self.internal + w @ self.ground + w_rate @ self.ground_rate
+        position, velocity, acceleration, internal, ground, rate = parts
+        return cls(
+            names=tuple(names),
+            motion=read_only_any(np.concatenate([position, velocity, internal])),
+            acceleration=read_only_any(acceleration),
+            ground=read_only_any(ground) if np.any(ground) else None,
+            ground_rate=read_only_any(rate) if np.any(rate) else None,
         )
+
+    def still(self, x: FloatArray, ground: tuple[FloatArray, FloatArray] | None) -> FloatArray:
+        """Everything but the accelerations' part, (r, y), of [q, q', xi] (r, 2 n + n_xi) over w, w' (r or 1, nw)."""
+        found = x @ self.motion
+        if ground is not None and self.ground is not None:
+            found += ground[0] @ self.ground
+        if ground is not None and self.ground_rate is not None:
+            found += ground[1] @ self.ground_rate
+        return np.asarray(found)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Law:
     """A controller in its vehicle: `columns` of its commands among the inputs, `delays` (c,) s from sample to force.
 
-    `immediate` (c,): without a delay. `unlooped` (c, c) solves the loop through measured accelerations that immediate
-    commands change; None where there is none. `noise` (y,) standard deviation of a reading for a bandwidth of 1 Hz.
+    `immediate` (c,): without a delay; `prompt` their columns. `unlooped` (c, c) solves the loop through measured
+    accelerations that immediate commands change; None where there is none. `noise` (y,) standard deviation of a reading
+    for a bandwidth of 1 Hz.
     """
 
     controller: Controller
@@ -78,6 +87,7 @@ class Law:
     columns: NDArray[np.int64]
     delays: FloatArray
     immediate: NDArray[np.bool_]
+    prompt: NDArray[np.int64]
     unlooped: FloatArray | None
     accelerates: bool
     noise: FloatArray
@@ -112,6 +122,7 @@ class Law:
             columns=read_only_any(columns),
             delays=read_only_any(delays),
             immediate=read_only_any(immediate),
+            prompt=read_only_any(columns[immediate]),
             unlooped=read_only_any(np.linalg.inv(loop)) if np.any(direct[:, immediate]) else None,
             accelerates=bool(np.any(readings.acceleration)),
             noise=read_only_any(density),
@@ -200,53 +211,3 @@ class Schedule:
             every=whole if many >= 1.0 else 1,
             lags=read_only_any(ago + (starts[:, None] < late - ON_GRID * period)),
         )
-
-
-class Past:
-    """Commands of a continuous law at the nodes of uniform steps, for delays: cubics through the past.
-
-    Before time 0 nothing was commanded.
-    """
-
-    __slots__ = ("_values", "_weights")
-
-    def __init__(self, delays: FloatArray, *, step: float, runs: int) -> None:
-        length = int(np.ceil(float(np.max(delays)) / step)) + 5
-        self._values = np.zeros((length, runs, len(delays)))
-        self._weights = [[_weights(share - delay / step) for delay in delays] for share in (0.0, 0.5, 1.0)]
-
-    def put(self, node: int, command: FloatArray) -> None:
-        """The command (r, c) at a node."""
-        self._values[node % len(self._values)] = command
-
-    def at(self, node: int, half: int) -> FloatArray:
-        """Delayed commands (r, c) `half` half steps after a node."""
-        found = np.zeros(self._values.shape[1:])
-        for column, (ago, weights, share) in enumerate(self._weights[half]):
-            first = node + ago - 1
-            if first >= 0:
-                index = (first + np.arange(4)) % len(self._values)
-                found[:, column] = weights @ self._values[index, :, column]
-            elif first >= -1:
-                ends = self._values[[(first + 1) % len(self._values), first + 2], :, column]
-                found[:, column] = (1.0 - share) * ends[0] + share * ends[1]
-        return found
-
-    def keep(self, rows: NDArray[np.bool_]) -> None:
-        """Only some of the runs go on."""
-        self._values = self._values[:, rows]
-
-
-def _weights(place: float) -> tuple[int, FloatArray, float]:
-    """Whole steps below a place, weights of the four nodes about it (the one below is the second), and the share."""
-    below = int(np.floor(place + ON_GRID))
-    t = max(place - below, 0.0)
-    weights = np.array(
-        [
-            -t * (t - 1.0) * (t - 2.0) / 6.0,
-            (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0,
-            -(t + 1.0) * t * (t - 2.0) / 2.0,
-            (t + 1.0) * t * (t - 1.0) / 6.0,
-        ]
-    )
-    return below, weights, t

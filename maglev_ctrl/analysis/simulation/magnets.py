@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from maglev_ctrl.analysis.simulation.evaluation import Answering, answering
 from maglev_ctrl.arrays import FloatArray, read_only_any
 from maglev_ctrl.forces.base import AbstractForceModel
 from maglev_ctrl.forces.electromagnet import Electromagnet
@@ -41,15 +42,24 @@ class Winding:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
+class MagnetGroup:
+    """Magnets of one force model: where they are among all, and whether their gaps do not matter (`bare`)."""
+
+    force: AbstractForceModel
+    members: slice | NDArray[np.int64]
+    bare: bool
+    answer: Answering
+
+
+@dataclass(frozen=True, eq=False, slots=True)
 class MagnetSet:
     """m magnets ready for batches of runs.
 
     `low`, `high` (3, m): where heights, gaps and speeds are inside the force models' data; `least` the larger of `low`
-    and a `floor` above contact. `kinetic` (groups): whether
-    a model's forces depend on vertical or lateral velocity.
+    and a `floor` above contact.
     """
 
-    groups: tuple[tuple[AbstractForceModel, NDArray[np.int64], bool, bool], ...]
+    groups: tuple[MagnetGroup, ...]
     windings: tuple[Winding, ...]
     share: FloatArray
     side: FloatArray
@@ -75,7 +85,9 @@ class MagnetSet:
             if span.gap is not None and not bare:
                 low[1, members], high[1, members] = span.gap
             if not isinstance(group.force, Electromagnet):
-                groups.append((group.force, members, bare, _kinetic(group.force, state, members, bare)))
+                kinetic = _kinetic(group.force, state, members, bare)
+                answer = answering(group.force, kinetic=kinetic)
+                groups.append(MagnetGroup(group.force, _consecutive(members), bare, answer))
         posture = state.posture
         rest = np.array([posture.height, posture.gap or 1.0, 0.0])
         floor = np.where(rest[:, None] > 0.0, SMALLEST_HEIGHT * rest[:, None], -np.inf)
@@ -94,64 +106,53 @@ class MagnetSet:
         )
 
     def forces(
-        self, places: FloatArray, rates: FloatArray, xi: FloatArray, applied: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Forces (r, 3, m) forward, left, up on the magnets, and the lateral force (r, m) of drag that follows.
+        self, places: FloatArray, closing: FloatArray, left: FloatArray, xi: FloatArray, applied: FloatArray
+    ) -> tuple[FloatArray, FloatArray | None]:
+        """Forces (r, 3, m) forward, left, up on the magnets, and the lateral force (r, m) of drag that follows, if any.
 
         Parameters
         ----------
         places : (r, 3, m) heights, gaps and speeds over the guideway
-        rates : (r, 3, m) velocities left and up relative to the guideway, and left in space
+        closing : (r, 2, m) m/s rates of heights and gaps
+        left : (r, m) m/s velocity to the left in space
         xi, applied : (r, n_xi) internal states and (r, n_u) commands
         """
         inside = np.minimum(np.maximum(places, self.least), self.high)
-        r, m = len(places), len(self.share)
-        found, follow = np.zeros((r, 3, m)), np.zeros((r, m))
-        for force, members, bare, kinetic in self.groups:
+        found = np.zeros(places.shape)
+        follow = np.zeros(left.shape) if self.following else None
+        for group in self.groups:
+            members = group.members
             height, speed = inside[:, 0, members], inside[:, 2, members]
-            gap = None if bare else inside[:, 1, members]
-            one = force.forces(height, gap, speed)
-            lift, guidance, drag = one.lift, one.guidance, one.drag
-            slow = self.following and not np.all(speed > 0.0)
-            if kinetic or slow:
-                slopes = force.derivatives(height, gap, speed)
-                rise = (self.upward * rates[:, 1])[:, members]
-                # The gap widens where a magnet moves away from its wall.
-                widening = (-self.side * rates[:, 0])[:, members]
-                by_rise, by_gap = slopes.by_vertical_velocity, slopes.by_lateral_velocity
-                lift = lift + by_rise.lift * rise + by_gap.lift * widening
-                guidance = guidance + by_rise.guidance * rise + by_gap.guidance * widening
-                still = slopes.by_speed.drag
-                moving = one.drag + by_rise.drag * rise + by_gap.drag * widening
-            else:
-                still, moving = np.zeros(()), drag
-            if self.following:
-                with np.errstate(divide="ignore", invalid="ignore"):
-                    follow[:, members] = np.where(speed > 0.0, drag / speed, still)
+            gap = None if group.bare else inside[:, 1, members]
+            lift, guidance, drag, moving = group.answer(
+                height, gap, speed, closing[:, 0, members], closing[:, 1, members]
+            )
             found[:, 0, members] = -moving
-            found[:, 1, members] = -self.side[members] * guidance
+            if guidance is not None:
+                found[:, 1, members] = -self.side[members] * guidance
             found[:, 2, members] = lift
+            if follow is not None:
+                follow[:, members] = _following(group.force, height, gap, speed, drag)
         found *= self.share
-        follow *= self.share
         for winding in self.windings:
             i = winding.member
             current = winding.current + extra_current(winding, xi, applied)
             # The standing current has the strength in it already.
             found[:, 2, i] = found[:, 2, i] + winding.count * winding.model.pull(inside[:, 0, i], current)
-        return found, -follow * rates[:, 2] if self.following else follow
+        return found, None if follow is None else -self.share * follow * left
 
     def static(self, places: FloatArray) -> FloatArray:
         """Forces (r, 3, m) of passive magnets at the equilibrium speed, of position alone: what a track modulates."""
         still = places.copy()
         still[:, 2] = self.speed
-        r, m = len(places), len(self.share)
-        zero = np.zeros((r, 3, m))
+        r = len(places)
         columns = max((w.state for w in self.windings), default=-1) + 1
         inputs = max((w.command for w in self.windings), default=-1) + 1
-        return self.forces(still, zero, np.zeros((r, columns)), np.zeros((r, inputs)))[0]
+        nothing = np.zeros(places.shape)
+        return self.forces(still, nothing, nothing[:, 0], np.zeros((r, columns)), np.zeros((r, inputs)))[0]
 
     def circuits(
-        self, places: FloatArray, rates: FloatArray, xi: FloatArray, applied: FloatArray, out: FloatArray
+        self, places: FloatArray, closing: FloatArray, xi: FloatArray, applied: FloatArray, out: FloatArray
     ) -> None:
         """Put the rates of the currents of magnets driven by voltage into `out` (r, n_xi): v = R i + d(L i)/dt."""
         for winding in self.windings:
@@ -161,7 +162,7 @@ class MagnetSet:
             gap = np.maximum(places[:, 0, i], self.floor[0, i])
             current = winding.current + xi[:, winding.state]
             voltage = winding.voltage + applied[:, winding.command]
-            opening = self.upward[i] * rates[:, 1, i]
+            opening = closing[:, 0, i]
             # dL/dg = -2 (L - L_leak) / l
             slope = -2.0 * (model.inductance(gap) - model.leakage) / model.path(gap)
             change = (voltage - model.resistance * current - slope * current * opening) / model.inductance(gap)
@@ -171,6 +172,23 @@ class MagnetSet:
 def extra_current(winding: Winding, xi: FloatArray, applied: FloatArray) -> FloatArray:
     """Current above the standing one, (r,) A."""
     return np.asarray(xi[:, winding.state] if winding.state >= 0 else applied[:, winding.command])
+
+
+def _consecutive(members: NDArray[np.int64]) -> slice | NDArray[np.int64]:
+    """A slice where the members stand side by side, which copies nothing."""
+    first = int(members[0])
+    return slice(first, first + len(members)) if np.all(np.diff(members) == 1) else members
+
+
+def _following(
+    force: AbstractForceModel, height: FloatArray, gap: FloatArray | None, speed: FloatArray, drag: FloatArray
+) -> FloatArray:
+    """Drag over speed, which at rest is the drag's slope."""
+    if not speed.min(initial=np.inf) <= 0.0:
+        return drag / speed
+    still = force.derivatives(height, gap, speed).by_speed.drag
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.where(speed > 0.0, drag / speed, still))
 
 
 def _kinetic(force: AbstractForceModel, state: Equilibrium, members: NDArray[np.int64], bare: bool) -> bool:

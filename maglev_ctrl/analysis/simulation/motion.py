@@ -8,6 +8,7 @@ levers follow the finite rotation of the bodies (`frame`).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,11 +29,12 @@ from maglev_ctrl.vehicle.structure import structure
 class Rates:
     """Accelerations (r, n), rates of internal states (r, n_xi), and what they came from.
 
-    `places` (r, 3, m) heights, gaps, speeds; `closing` (r, 2, m) m/s rates of heights and gaps; `lift` (r, m) N;
-    `strokes`, `stroke_rates` (r, l); `applied` (r, n_u) commands after saturation.
+    `force` (r, n) generalised; `places` (r, 3, m) heights, gaps, speeds; `closing` (r, 2, m) m/s rates of heights and
+    gaps; `lift` (r, m) N; `strokes`, `stroke_rates` (r, l); `applied` (r, n_u) commands after saturation.
     """
 
     acceleration: FloatArray
+    force: FloatArray
     internal: FloatArray
     places: FloatArray
     closing: FloatArray
@@ -44,15 +46,15 @@ class Rates:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class LinkSet:
-    """Springs, dampers and actuators as arrays over l links; columns of states and inputs are -1 where there are none.
+    """Springs, dampers and actuators as arrays over l links.
 
-    `felt` (nw, l): the guideway's part of the strokes.
+    `felt` (nw, l): the guideway's part of the strokes; None where no link ends at the guideway.
     """
 
     stiffness: FloatArray
     damping: FloatArray
     tension: FloatArray
-    felt: FloatArray
+    felt: FloatArray | None
     lagged: NDArray[np.int64]
     lag_columns: NDArray[np.int64]
     lag: FloatArray
@@ -80,7 +82,7 @@ class LinkSet:
             stiffness=known.link_stiffness,
             damping=known.link_damping,
             tension=read_only_any([state.posture.static_forces.get(link.name, 0.0) for link in links]),
-            felt=read_only_any(felt),
+            felt=read_only_any(felt) if np.any(felt) else None,
             lagged=_indices([i for i, _ in dampers]),
             lag_columns=_indices([system.internal.index(f"{e.name}.lag") for _, e in dampers]),
             lag=read_only_any(np.array([e.lag for _, e in dampers])),
@@ -102,23 +104,24 @@ def _indices(values: list[int]) -> NDArray[np.int64]:
 class Equations:
     """The equations of one vehicle about one equilibrium; `system` is its linear model without delays.
 
-    `low`, `high` (n_u,): what each input can give, beside what it carries at rest.
+    `rest` (3, m): heights, gaps and speeds at rest; `opening` (2, m): how heights and gaps grow with motion up and to
+    the left; `under` (nw, 2 m): how the guideway's motion narrows them. `low`, `high` (n_u,): what each input can give,
+    beside what it carries at rest; `limited`: whether one has a limit.
     """
 
     system: SecondOrderSystem
     frame: Frame
     magnets: MagnetSet
     links: LinkSet
-    posture_height: float
-    posture_gap: float
-    offset: float
+    rest: FloatArray
+    opening: FloatArray
+    under: FloatArray
     constant: FloatArray
     push: FloatArray
     drag_factor: FloatArray
     low: FloatArray
     high: FloatArray
-    heave_columns: NDArray[np.int64]
-    sway_columns: NDArray[np.int64]
+    limited: bool
     measured_K: FloatArray
     measured_C: FloatArray
     measured_push: FloatArray
@@ -127,6 +130,8 @@ class Equations:
     mass: FloatArray
     compliance: FloatArray
     """M^-1, (n, n)."""
+    static: FloatArray
+    """Forces (1, 3, m) that a track modulates, at rest."""
 
     @classmethod
     def of(
@@ -165,23 +170,23 @@ class Equations:
         stations = [magnet.position[0] for magnet in vehicle.magnets]
         stations += [vehicle.body(element.body).position[0] for element in vehicle.coefficient_elements]
         still = np.sum(K_e, axis=0) @ posture.displacement if len(K_e) else np.zeros(n)
+        magnets = MagnetSet.of(vehicle, state, system)
+        opening = np.stack([magnets.upward, -magnets.side])
+        rest = _rest(frame, opening, state)
         return cls(
             system=system,
             frame=frame,
-            magnets=MagnetSet.of(vehicle, state, system),
+            magnets=magnets,
             links=LinkSet.of(vehicle, state, system),
-            posture_height=posture.height,
-            posture_gap=np.nan if posture.gap is None else posture.gap,
-            offset=posture.offset,
+            rest=read_only_any(rest),
+            opening=read_only_any(opening),
+            under=read_only_any(_under(vehicle, w_names, opening)),
             constant=read_only_any(posture.loads + weight - state.unbalanced - still),
             push=read_only_any(thrust),
             drag_factor=known.drag_factor,
             low=low,
             high=high,
-            heave_columns=_indices([w_names.index(f"heave@{magnet.name}") for magnet in vehicle.magnets]),
-            sway_columns=_indices(
-                [w_names.index(f"sway@{magnet.name}") if magnet.side else -1 for magnet in vehicle.magnets]
-            ),
+            limited=bool(np.any(np.isfinite(low)) or np.any(np.isfinite(high))),
             measured_K=read_only_any(K_e),
             measured_C=read_only_any(C_e),
             measured_push=read_only_any(K_w),
@@ -189,10 +194,13 @@ class Equations:
             stations=read_only_any(np.array(stations, dtype=np.float64)),
             mass=system.M,
             compliance=read_only_any(np.linalg.inv(system.M)),
+            static=read_only_any(magnets.static(rest[None])),
         )
 
     def saturated(self, command: FloatArray) -> FloatArray:
         """What the inputs give of commands (r, n_u)."""
+        if not self.limited:
+            return command
         return np.asarray(np.minimum(np.maximum(command, self.low), self.high))
 
     def factors(self, modulation: Modulation | None, times: FloatArray) -> FloatArray | None:
@@ -206,7 +214,7 @@ class Equations:
         state: tuple[FloatArray, FloatArray, FloatArray],
         applied: FloatArray,
         *,
-        ground: tuple[FloatArray, FloatArray],
+        ground: tuple[FloatArray, FloatArray] | None,
         factor: FloatArray | None = None,
     ) -> Rates:
         """Accelerations and rates of the internal states.
@@ -215,35 +223,97 @@ class Equations:
         ----------
         state : q, q', xi: (r, n), (r, n), (r, n_xi) increments from the equilibrium
         applied : (r, n_u) commands after saturation and delay
-        ground : w, w': (r or 1, nw) the guideway under the elements, and its rate
+        ground : w, w': (r or 1, nw) the guideway under the elements, and its rate; None: smooth and level
         factor : (elements,) of `factors`
         """
-        (q, v, xi), (w, w_rate) = state, ground
-        frame, links, m = self.frame, self.links, self.frame.magnets
-        lever = frame.levers(q)
-        moved, velocity = frame.shifts(q, lever), frame.velocities(v, lever)
-        places, rates = self._places(q, v, w, w_rate, moved, velocity)
-        force = np.zeros((len(q), 3, moved.shape[-1]))
-        own, far = m + frame.pushes, m + frame.pushes + frame.links
+        q, v, xi = state
+        frame, m = self.frame, self.frame.magnets
+        lever, turned = frame.levers(q)
+        moved, velocity = frame.moved(q, turned), frame.velocities(v, lever)
+        places, closing, left = self._places(q, v, ground, moved, velocity)
+        strokes, stroke_rates, tension, internal = self._tension(state, applied, ground, moved, velocity)
+        # Five rows x, y, z, x, y, as of the levers.
+        force = (tension @ frame.pull).reshape(len(q), 5, -1)
         Q = self.constant
         if m:
-            force[:, :, :m], follow = self.magnets.forces(places, rates, xi, applied)
+            magnetic, follow = self.magnets.forces(places, closing, left, xi, applied)
             if factor is not None:
-                force[:, :, :m] += factor[:m] * (self.magnets.static(places) - self._rest())
-            if frame.sway_rows is None:
-                force[:, 1, :m] += follow
-            else:
+                magnetic += factor[:m] * (self.magnets.static(places) - self.static)
+            if follow is not None and frame.sway_rows is None:
+                magnetic[:, 1] += follow
+            elif follow is not None and frame.sway_rows is not None:
                 Q = Q + follow @ frame.sway_rows.T
-        lift = force[:, 2, :m]
-        ahead = self.magnets.speed + velocity[:, 0, m:own]
-        force[:, 0, m:own] = self.push - self.drag_factor * ahead * np.abs(ahead)
-        strokes, stroke_rates = frame.along(moved - frame.shift), frame.along(velocity)
+            force[:, :3, :m] = magnetic
+        if frame.pushes:
+            ahead = self.magnets.speed + velocity[:, 0, m : m + frame.pushes]
+            force[:, 0, m : m + frame.pushes] = self.push - self.drag_factor * ahead * np.abs(ahead)
+        force[:, 3:, : m + frame.pushes] = force[:, :2, : m + frame.pushes]
         if frame.twists:
-            strokes = strokes + q @ frame.angular_rows
-            stroke_rates = stroke_rates + v @ frame.angular_rows
-        strokes, stroke_rates = strokes - w @ links.felt, stroke_rates - w_rate @ links.felt
+            Q = Q + tension @ frame.angular_rows.T
+        Q = Q + frame.gathered(force, lever)
+        if len(self.measured_K):
+            Q = Q + self._measured(q, v, ground, factor)
+        self.magnets.circuits(places, closing, xi, applied, internal)
+        return Rates(
+            acceleration=Q @ self.compliance.T,
+            force=Q,
+            internal=internal,
+            places=places,
+            closing=closing,
+            lift=force[:, 2, :m],
+            strokes=strokes,
+            stroke_rates=stroke_rates,
+            applied=applied,
+        )
+
+    def _places(
+        self,
+        q: FloatArray,
+        v: FloatArray,
+        ground: tuple[FloatArray, FloatArray] | None,
+        moved: FloatArray,
+        velocity: FloatArray,
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Heights, gaps, speeds (r, 3, m), the rates of the first two (r, 2, m), and velocities left (r, m)."""
+        frame, m = self.frame, self.frame.magnets
+        places = np.empty((len(q), 3, m))
+        # From the rows x, y, z: up, then left.
+        shift, rate, left = moved[:, 2:0:-1, :m], velocity[:, 2:0:-1, :m], velocity[:, 1, :m]
+        if frame.sway_rows is not None:
+            left = v @ frame.sway_rows
+            shift = np.stack([shift[:, 0], q @ frame.sway_rows], axis=1)
+            rate = np.stack([rate[:, 0], left], axis=1)
+        near, closing = self.opening * shift, self.opening * rate
+        if ground is not None:
+            near -= (ground[0] @ self.under).reshape(len(ground[0]), 2, m)
+            closing -= (ground[1] @ self.under).reshape(len(ground[1]), 2, m)
+        np.add(near, self.rest[:2], out=places[:, :2])
+        np.add(velocity[:, 0, :m], self.magnets.speed, out=places[:, 2])
+        return places, closing, left
+
+    def _tension(
+        self,
+        state: tuple[FloatArray, FloatArray, FloatArray],
+        applied: FloatArray,
+        ground: tuple[FloatArray, FloatArray] | None,
+        moved: FloatArray,
+        velocity: FloatArray,
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Strokes, their rates and the links' tensions, (r, l) each, and the rates of internal states."""
+        (q, v, xi), frame, links = state, self.frame, self.links
+        r = len(q)
+        internal = np.zeros(xi.shape)
+        if not frame.links:
+            none = np.zeros((r, 0))
+            return none, none, none, internal
+        strokes, stroke_rates = moved.reshape(r, -1) @ frame.ends, velocity.reshape(r, -1) @ frame.ends
+        if frame.twists:
+            strokes += q @ frame.angular_rows
+            stroke_rates += v @ frame.angular_rows
+        if ground is not None and links.felt is not None:
+            strokes -= ground[0] @ links.felt
+            stroke_rates -= ground[1] @ links.felt
         tension = links.tension - links.stiffness * strokes - links.damping * stroke_rates
-        internal = np.zeros_like(xi)
         if len(links.lagged):
             lagging = xi[:, links.lag_columns]
             tension[:, links.lagged] -= links.lag_damping * lagging
@@ -254,66 +324,44 @@ class Equations:
             internal[:, links.slow_states] = links.bandwidth * (applied[:, links.slow_columns] - given)
         if len(links.direct):
             tension[:, links.direct] += applied[:, links.direct_columns]
-        if frame.links:
-            force[:, :, own:far] = tension[:, None, :] * frame.direction
-            force[:, :, far:] = -(tension * frame.apart)[:, None, :] * frame.direction
-            if frame.twists:
-                Q = Q + tension @ frame.angular_rows.T
-        Q = Q + frame.gathered(force, lever)
-        if len(self.measured_K):
-            Q = Q + self._measured(q, v, w, w_rate, factor)
-        self.magnets.circuits(places, rates, xi, applied, internal)
-        return Rates(
-            acceleration=Q @ self.compliance.T,
-            internal=internal,
-            places=places,
-            closing=np.stack([self.magnets.upward * rates[:, 1], -self.magnets.side * rates[:, 0]], axis=1),
-            lift=lift,
-            strokes=strokes,
-            stroke_rates=stroke_rates,
-            applied=applied,
-        )
-
-    def _places(
-        self, q: FloatArray, v: FloatArray, w: FloatArray, w_rate: FloatArray, moved: FloatArray, velocity: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Heights, gaps, speeds (r, 3, m); velocities over the guideway as in `MagnetSet`."""
-        frame, magnets, m = self.frame, self.magnets, self.frame.magnets
-        walled = self.sway_columns >= 0
-        aside, left = moved[:, 1, :m], velocity[:, 1, :m]
-        if frame.sway_rows is not None:
-            aside, left = frame.sway_shift + q @ frame.sway_rows, v @ frame.sway_rows
-        places, rates = np.empty((len(q), 3, m)), np.empty((len(q), 3, m))
-        places[:, 0] = self.posture_height + magnets.upward * (moved[:, 2, :m] - w[:, self.heave_columns])
-        beside = np.where(walled, w[:, self.sway_columns], 0.0) if len(w[0]) else 0.0
-        places[:, 1] = self.posture_gap - magnets.side * (self.offset + aside - beside)
-        places[:, 2] = magnets.speed + velocity[:, 0, :m]
-        beside_rate = np.where(walled, w_rate[:, self.sway_columns], 0.0) if len(w[0]) else 0.0
-        rates[:, 0] = left - beside_rate
-        rates[:, 1] = velocity[:, 2, :m] - w_rate[:, self.heave_columns]
-        rates[:, 2] = left
-        return places, rates
-
-    def _rest(self) -> FloatArray:
-        """Forces that `MagnetSet.static` gives at the equilibrium, (1, 3, m)."""
-        frame, m = self.frame, self.frame.magnets
-        aside = frame.shift[1, :m] if frame.sway_rows is None else frame.sway_shift
-        places = np.empty((1, 3, m))
-        places[0, 0] = self.posture_height + self.magnets.upward * frame.shift[2, :m]
-        places[0, 1] = self.posture_gap - self.magnets.side * (self.offset + aside)
-        places[0, 2] = self.magnets.speed
-        return self.magnets.static(places)
+        return strokes, stroke_rates, tension, internal
 
     def _measured(
-        self, q: FloatArray, v: FloatArray, w: FloatArray, w_rate: FloatArray, factor: FloatArray | None
+        self,
+        q: FloatArray,
+        v: FloatArray,
+        ground: tuple[FloatArray, FloatArray] | None,
+        factor: FloatArray | None,
     ) -> FloatArray:
         """Generalised force (r, n) of the measured coefficients."""
         total = np.zeros_like(q)
         for i, (K, C) in enumerate(zip(self.measured_K, self.measured_C, strict=True)):
             share = 0.0 if factor is None else factor[self.frame.magnets + i]
-            total += w @ self.measured_push[i] + w_rate @ self.measured_rate_push[i]
+            if ground is not None:
+                total += ground[0] @ self.measured_push[i] + ground[1] @ self.measured_rate_push[i]
             total -= (1.0 + share) * (q @ K.T) + v @ C.T
         return total
+
+
+def _rest(frame: Frame, opening: FloatArray, state: Equilibrium) -> FloatArray:
+    """Heights, gaps and speeds (3, m) of the magnets at rest."""
+    posture, m = state.posture, frame.magnets
+    aside = frame.shift[1, :m] if frame.sway_rows is None else frame.sway_shift
+    rest = np.empty((3, m))
+    rest[0] = posture.height + opening[0] * frame.shift[2, :m]
+    rest[1] = (np.nan if posture.gap is None else posture.gap) + opening[1] * (posture.offset + aside)
+    rest[2] = posture.speed
+    return rest
+
+
+def _under(vehicle: Vehicle, names: Sequence[str], opening: FloatArray) -> FloatArray:
+    """How much of guideway inputs `names` heights, then gaps, lose with the magnets' own motion the other way."""
+    found = np.zeros((len(names), 2, len(vehicle.magnets)))
+    for i, magnet in enumerate(vehicle.magnets):
+        found[names.index(f"heave@{magnet.name}"), 0, i] = opening[0, i]
+        if magnet.side:
+            found[names.index(f"sway@{magnet.name}"), 1, i] = opening[1, i]
+    return found.reshape(len(names), -1)
 
 
 def _input_limits(

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from maglev_ctrl.analysis.simulation.events import Bounds
 from maglev_ctrl.analysis.simulation.ground import Ground
 from maglev_ctrl.analysis.simulation.integrate import Integration, Outcome, Problem
-from maglev_ctrl.analysis.simulation.loop import STEPS_PER_DELAY, Law, Schedule
+from maglev_ctrl.analysis.simulation.loop import Law, Schedule
 from maglev_ctrl.analysis.simulation.motion import Equations
 from maglev_ctrl.analysis.simulation.records import Limits, Track, Trajectory
 from maglev_ctrl.analysis.simulation.store import Store
@@ -110,7 +110,7 @@ def simulate(
         start=_starting(system, start or {}, runs),
         seed=seed,
     )
-    chosen = _first_step(system, law, controller, interval) if step is None else step
+    chosen = _first_step(system, law, controller, interval) if step is None else min(step, _shortest_delay(law))
     commands = () if controller is None else controller.commands
 
     def integrated(width: float, length: float, kept: Sequence[str] | None) -> tuple[Store, Outcome, Schedule]:
@@ -203,9 +203,14 @@ def _first_step(system: SecondOrderSystem, law: Law | None, controller: Controll
         closed = close_loop(system, controller)
     fastest = float(np.max(np.abs(np.linalg.eigvals(closed.state_matrix())), initial=0.0))
     chosen = min(sampling, STEP_SHARE / fastest if fastest > 0.0 else sampling)
-    if law is not None and not law.sampled and np.any(~law.immediate):
-        chosen = min(chosen, float(np.min(law.delays[~law.immediate])) / STEPS_PER_DELAY)
-    return chosen
+    return min(chosen, _shortest_delay(law))
+
+
+def _shortest_delay(law: Law | None) -> float:
+    """Longest step with which the commands of a continuous law that arrive within it are known; infinite without."""
+    if law is None or law.sampled:
+        return np.inf
+    return float(np.min(law.delays[~law.immediate], initial=np.inf))
 
 
 def _difference(coarse: Store, fine: Store, still: float) -> float:

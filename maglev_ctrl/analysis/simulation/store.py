@@ -62,21 +62,22 @@ class Store:
         sample: int,
         rows: NDArray[np.int64],
         *,
-        state: tuple[FloatArray, FloatArray, FloatArray],
+        state: FloatArray,
         rates: Rates,
-        ground: tuple[FloatArray, FloatArray],
+        ground: tuple[FloatArray, FloatArray] | None,
         command: FloatArray,
         mass: FloatArray,
         work: FloatArray,
     ) -> None:
-        """Keep one sample of the runs `rows`."""
+        """Keep one sample of the runs `rows`; `state` (r, 2 n + n_xi) is [q, q', xi]."""
         if sample >= self.kinetic.shape[1]:
             return
-        q, v, xi = state
-        outputs = self._outputs.still(q, v, xi, *ground) + rates.acceleration @ self._outputs.acceleration
+        n = len(mass)
+        v = state[:, n : 2 * n]
+        outputs = self._outputs.still(state, ground) + rates.acceleration @ self._outputs.acceleration
         every = np.concatenate(
             [
-                q, v, rates.acceleration, xi, outputs,
+                state[:, : 2 * n], rates.acceleration, state[:, 2 * n :], outputs,
                 rates.places[:, 0], rates.places[:, 1], rates.lift, command, rates.applied,
             ],
             axis=1,
