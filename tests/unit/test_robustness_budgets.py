@@ -60,11 +60,10 @@ def small_plant() -> tuple[SecondOrderSystem, Controller, list[UncertainParamete
     return plant, controller, [UncertainParameter(kind, kind, size, ("matrices",)) for kind, size in spreads]
 
 
-def example(**given: Any) -> tuple[WorstCase, FactorBounds]:
+def example(*, effort: float = EFFORT, time_limit: float | None = None) -> tuple[WorstCase, FactorBounds]:
     """A worst case and the bounds of a loop whose proof takes all the work there is."""
-    timed = {key: value for key, value in given.items() if key != "effort"}
-    bounds = factor_bounds(mechanics(4, 2, 4), limit=20.0, effort=given.get("effort", EFFORT), **timed)
-    return worst_case(*small_plant(), **given), bounds
+    bounds = factor_bounds(mechanics(4, 2, 4), limit=20.0, effort=effort, time_limit=time_limit)
+    return worst_case(*small_plant(), effort=effort, time_limit=time_limit), bounds
 
 
 @contextmanager
