@@ -34,6 +34,7 @@ def robustness_blocks(option: OptionStudy) -> list[Block]:
         _value_table(option.label, found), _parameter_table(option.label, found),
     ]  # fmt: skip
     told = [f"{name}: {point.reason}" for name, point in _points(found) if point.reason]
+    told += [f"With exact delays: {found.exact_delays}"] if found.exact_delays else []
     return [*blocks, Bullets(tuple(told))] if told else blocks
 
 
