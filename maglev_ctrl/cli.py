@@ -105,11 +105,14 @@ def check(
     """Say what is wrong with scenario files, with line and column; nothing is computed."""
     from maglev_ctrl.errors import MaglevError
     from maglev_ctrl.scenario import load
+    from maglev_ctrl.scenario.tunes import tuned_quantities
 
     wrong = 0
     for file in files:
         try:
             scenario = load(file)
+            for option in scenario.options:
+                tuned_quantities(scenario, option)  # `load` reads what may be tuned, this looks it up
         except MaglevError as error:
             _complain(str(error))
             wrong += 1
