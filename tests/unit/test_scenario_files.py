@@ -20,15 +20,16 @@ ROOT = Path(__file__).resolve().parents[2]
 FILES = sorted((ROOT / "scenarios").rglob("*.toml"))
 NAMES = [str(file.relative_to(ROOT / "scenarios")) for file in FILES]
 EXPECTED = {
-    "compare/eds_135t.toml", "compare/warwick_30t.toml", "design/d_region.toml", "design/damping_budget.toml",
-    "design/double_l_guidance.toml", "design/ems_hover.toml", "design/hinf_secondary.toml",
-    "design/lqr_primary.toml", "design/mpc_stroke.toml", "design/polytopic_speed.toml", "design/scheduled_speed.toml",
-    "design/sky_hook.toml", "paper/double_l.toml",
+    "compare/eds_135t.toml", "compare/ems_vs_eds.toml", "compare/ems_vs_eds_eds.toml", "compare/four_options.toml",
+    "compare/payload_and_speed.toml", "compare/warwick_30t.toml", "design/d_region.toml",
+    "design/damping_budget.toml", "design/double_l_guidance.toml", "design/ems_hover.toml",
+    "design/hinf_secondary.toml", "design/lqr_primary.toml", "design/mpc_stroke.toml",
+    "design/polytopic_speed.toml", "design/scheduled_speed.toml", "design/sky_hook.toml", "paper/double_l.toml",
     "paper/double_l_corner_image.toml", "paper/double_l_paper_kinematics.toml", "paper/heave_pitch_surge.toml",
     "paper/heave_surge.toml", "paper/six_dof.toml", "periodic/girder_passing.toml",
     "periodic/joints_and_girders.toml", "periodic/periodic_law.toml",
 }  # fmt: skip
-PHYSICS = ("[vehicle", "[[vehicle", "[forces", "[operating", "[periodic")
+PHYSICS = ("[vehicle", "[[vehicle", "[forces", "[operating", "[periodic", "[irregularity", "[ride", "[uncertainty")
 
 
 def body_of(text: str) -> str:
@@ -108,7 +109,9 @@ def test_a_silent_number_is_caught() -> None:
 
 def test_the_file_tells_how_to_run_it(scenario: Scenario) -> None:
     path = scenario.path.relative_to(ROOT).as_posix()
-    assert re.search(rf"^# Run it:  maglev-ctrl (report|design|compare) {re.escape(path)}\b", scenario.text, re.MULTILINE)
+    assert re.search(
+        rf"^# Run it:  maglev-ctrl (report|design|compare) {re.escape(path)}\b", scenario.text, re.MULTILINE
+    )
 
 
 def test_it_begins_with_a_baseline_and_has_something_to_compare(scenario: Scenario) -> None:
@@ -149,6 +152,19 @@ def test_the_comparison_has_at_least_eight_options() -> None:
     assert {option.kind for option in scenario.options} >= {
         "passive_primary", "active_primary", "passive_secondary", "active_secondary"
     }  # fmt: skip
+
+
+def test_attraction_and_repulsion_are_compared_on_equal_terms() -> None:
+    """All but the magnets and what drives them is alike in both files, and diff finds the same names."""
+    one, other = (load(ROOT / f"scenarios/compare/{name}.toml") for name in ("ems_vs_eds", "ems_vs_eds_eds"))
+    assert one.requirements == other.requirements
+    assert [(option.name, option.label, option.kind, option.spring_dampers) for option in one.options] == [
+        (option.name, option.label, option.kind, option.spring_dampers) for option in other.options
+    ]
+    assert (one.vehicle, one.irregularity, one.uncertainty) == (other.vehicle, other.irregularity, other.uncertainty)
+    assert (one.ride.passengers, one.ride.largest_stroke) == (other.ride.passengers, other.ride.largest_stroke)
+    assert (one.operating.speed, one.operating.sweep) == (other.operating.speed, other.operating.sweep)
+    assert one.forces.model != other.forces.model
 
 
 def test_warwick_primary_has_the_stiffness_of_its_source() -> None:
