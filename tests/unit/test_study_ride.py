@@ -362,7 +362,7 @@ def test_what_is_uncertain_in_which_vehicle(tmp_path):
 
 
 def test_the_worst_dampings_put_the_vehicle_on_the_axis(tmp_path):
-    """The combination found, written into the file by hand, has a root on the axis; a tenth of it has not."""
+    """The combination found, written into the file by hand, has a root on the axis; nine tenths of it have not."""
     scenario = read(tmp_path, HEAD + "[uncertainty]\ndamping = 0.5\n" + OPTIONS)
     found = robustness_study(OptionModel(scenario, scenario.options[1]), None)
     assert found.stable is PASS and found.growth.value < 0.0
