@@ -78,7 +78,7 @@ class _Walk:
             self.lengths[path] = self.lengths.get(path, 0) + 1
             self.places.setdefault(path, self._place(key))
             path = self._newest(path)
-        self.places[path] = self._place(key)
+        self.places[path] = Place(self._position(key), self._position(key))  # its value is all that follows: no span
         for child in rest:
             if child.type == "pair":
                 self.pair(child, prefix=path)

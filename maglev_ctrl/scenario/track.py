@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import pi
 from typing import assert_never
 
 from maglev_ctrl.guideway.spectra import Roughness, federal_railroad, inverse_square, rational, single_pole
@@ -17,9 +16,6 @@ from maglev_ctrl.scenario.track_schema import (
     SinglePole,
     SpectrumRecord,
 )
-
-BAND = (2.0 * pi * 0.1, 2.0 * pi * 100.0)
-"""rad/s: band of what is not weighted, where the scenario names none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +35,6 @@ class TrackSpectra:
     vertical: Roughness | None
     lateral: Roughness | None
     cross_level: Roughness | None
-    band: tuple[float, float]
     words: str
 
 
@@ -76,15 +71,12 @@ def track_spectra(irregularity: Irregularity) -> TrackSpectra:
     )
     if cross is not None and irregularity.cross_level_base is not None:
         cross = cross.scaled(irregularity.cross_level_base**-2)
-    band = irregularity.band
     told = [
         f"{what}: {one.name}" + (f" ({one.source})" if one.source else "")
         for what, one in (("vertical", vertical), ("lateral", lateral), ("cross level", cross))
         if one is not None
     ]
-    return TrackSpectra(
-        vertical, lateral, cross, BAND if band is None else (band.low, band.high), "; ".join(told)
-    )  # fmt: skip
+    return TrackSpectra(vertical, lateral, cross, "; ".join(told))
 
 
 def seats(scenario: Scenario) -> tuple[Seat, ...]:

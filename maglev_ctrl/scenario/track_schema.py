@@ -96,7 +96,9 @@ class Irregularity(Record):
     cross_level_base: PositiveLength | None = Field(
         None, description="lateral distance over which cross_level is the difference"
     )
-    band: Band | None = Field(None, description="band of what is not weighted; left out: 0.1 to 100 Hz")
+    band: Band | None = Field(
+        None, description="only waves met in this band count; left out: all, in a simulated guideway those up to 50 Hz"
+    )
     girder: Girder | None = Field(None, description="spans between supports")
     step: Step | None = Field(None, description="a single step")
 

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from maglev_ctrl.errors import ModelError
 from maglev_ctrl.scenario.control_schema import ControlRecord
-from maglev_ctrl.scenario.locate import place_faults
+from maglev_ctrl.scenario.locate import key_places, place_faults
 from maglev_ctrl.scenario.option_schema import OptionRecord
 from maglev_ctrl.scenario.problems import Fault, KeyPath, ScenarioProblems, near_match
 from maglev_ctrl.scenario.quantity_paths import ScenarioQuantity, display_unit, find_quantity, scenario_quantities
@@ -93,10 +93,27 @@ def tuned_quantities(scenario: Scenario, option: OptionRecord) -> tuple[TunedQua
         except _Fault as problem:
             faults.extend(problem.faults)
     if not faults:
-        faults = list(_clashes(scenario, position, found, option))
+        faults = [*_clashes(scenario, position, found, option), *_unwritten(scenario, position, found)]
     if faults:
         raise ScenarioProblems(str(scenario.path), place_faults(scenario.text, faults))
     return tuple(found)
+
+
+def _unwritten(scenario: Scenario, position: int, found: Sequence[TunedQuantity]) -> Iterator[Fault]:
+    """Variables whose value does not stand in the file as one: there the chosen one could not be written."""
+    places = key_places(scenario.text)
+    whole = [one.path for one in found if one.quantity is None]
+    for one in found:
+        inside = any(one.path != path and one.path[: len(path)] == path for path in whole)
+        place = places.get(one.path)
+        if inside or (place is not None and place.span != (0, 0)):
+            continue
+        name = ".".join(str(part) for part in one.path[2:])
+        advice = (
+            'write it in one line, control = { law = "...", ... }' if one.quantity is None
+            else "write it with the value it starts from"
+        )  # fmt: skip
+        yield Fault(("option", position, *one.path[2:3]), f"{name} is tuned, so it has to stand in the file; {advice}")
 
 
 def with_tuned(option: OptionRecord, tuned: Sequence[TunedQuantity], values: Sequence[float]) -> OptionRecord:

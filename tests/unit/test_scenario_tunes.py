@@ -26,7 +26,11 @@ choices = [
 """
 
 
-def written(tmp_path, option, tunes, tuning='[tuning]\nobjectives = ["margin", "damping"]\n'):
+TABLE = '[option.control]\nlaw = "sky_hook"\ndamping = "120 kN*s/m"\nsensor = "car_velocity"\n'
+INLINE = 'control = { law = "sky_hook", damping = "120 kN*s/m", sensor = "car_velocity" }\n'
+
+
+def written(tmp_path, option, tunes, tuning='[tuning]\nobjectives = ["margin", "damping"]\n', *, inline=True):
     """The EDS comparison with [[option.tune]] tables, triples or text, added to one option."""
     text = EDS.read_text().replace("[periodic]", f"{tuning}[periodic]", 1)
     at = text.index(f'name = "{option}"')
@@ -35,8 +39,11 @@ def written(tmp_path, option, tunes, tuning='[tuning]\nobjectives = ["margin", "
         t if isinstance(t, str) else f'[[option.tune]]\nvalue = "{t[0]}"\nfrom = "{t[1]}"\nto = "{t[2]}"\n'
         for t in tunes
     )
+    own = text[at : min(ends)]
+    if CHOICES.strip()[:30] in added and inline:  # a law that is chosen whole stands in one line
+        own = own.replace(TABLE, "").replace('kind = "active_secondary"\n', f'kind = "active_secondary"\n{INLINE}')
     path = tmp_path / "tuned.toml"
-    path.write_text(text[: min(ends)] + added + "\n" + text[min(ends) :])
+    path.write_text(text[:at] + own + added + "\n" + text[min(ends) :])
     return load(path)
 
 
@@ -97,7 +104,7 @@ def test_a_value_inside_a_chosen_law(tmp_path):
     own = EDS.read_text()
     assert 'law = "sky_hook"' in own
     scenario = written(tmp_path, "active_secondary_skyhook", (law,))
-    base = with_values(scenario, {("option", 5, "control"): {"law": "damping", "sky": "1 kN*s/m"}})
+    base = with_values(scenario, {("option", 5, "control"): {"law": "damping", "sky": "1 kN*s/m"}})  # not of the file
     tuned = tuned_quantities(base, option_of(base, "active_secondary_skyhook"))
     assert [choice.law for choice in tuned[0].choices] == ["damping", "damping"]
     assert tuned[0].start == -1.0 and tuned[0].text(1.0) == "damping (choice 2)"
@@ -155,3 +162,12 @@ def test_a_value_that_only_some_choices_have(tmp_path):
 
 def test_faults_are_scenario_errors(tmp_path):
     assert isinstance(faults(tmp_path, "damper_windings", (("nothing", "1 m", "2 m"),)), ScenarioError)
+
+
+def test_what_is_tuned_stands_in_the_file(tmp_path):
+    """Else the file with the values chosen would not say what was chosen."""
+    scenario = written(tmp_path, "active_secondary_skyhook", (CHOICES,), inline=False)
+    with pytest.raises(ScenarioProblems, match=r"control is tuned.*write it in one line"):
+        tuned_quantities(scenario, option_of(scenario, "active_secondary_skyhook"))
+    absent = faults(tmp_path, "passive_secondary", (("spring_damper.damper.stiffness", "1 kN/m", "9 kN/m"),))
+    assert "stiffness is tuned, so it has to stand in the file; write it with the value it starts from" in str(absent)

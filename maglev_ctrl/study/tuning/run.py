@@ -10,10 +10,8 @@ from typing import Any, Final
 
 from threadpoolctl import threadpool_limits
 
-from maglev_ctrl.errors import ModelError
 from maglev_ctrl.scenario import OptionRecord, Scenario
 from maglev_ctrl.scenario.problems import KeyPath
-from maglev_ctrl.scenario.reader import with_values
 from maglev_ctrl.scenario.rewrite import rewritten
 from maglev_ctrl.scenario.tunes import file_values, tuned_quantities
 from maglev_ctrl.study.run import with_forces
@@ -100,12 +98,7 @@ def tuned_scenario(scenario: Scenario, searches: list[OptionSearch]) -> Scenario
         if record.variables:
             chosen = [float(x) for x in record.front_variables[record.chosen]]
             values |= file_values(tuned_quantities(scenario, option), chosen)
-    if not values:
-        return scenario
-    try:
-        return rewritten(scenario, values)
-    except ModelError:  # a law chosen whole whose table stands over several lines of the file
-        return with_values(scenario, values)
+    return rewritten(scenario, values) if values else scenario
 
 
 def _serial(scenario: Scenario, options: list[OptionRecord], tell: Progress) -> dict[str, OptionSearch]:
