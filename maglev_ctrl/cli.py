@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from maglev_ctrl.study.tuning.records import TuningStudy
 
 _FORMATS = ("html", "pdf", "json")
+_PLACED = ("gap_used", "stroke_used", "contact_probability", "force_used", "weighted_acceleration")
+"""Quantities of which one magnet, stroke, actuator or passenger decides: it is named with the value."""
 _STYLES = {"PASS": "green", "FAIL": "red", "NOT EVALUATED": "yellow"}
 
 app = typer.Typer(
@@ -337,7 +339,8 @@ def _shown(result: RequirementResult) -> str:
         return f"not evaluated ({result.reason})" if result.reason else "not evaluated"
     sign = ">=" if result.sense == "at_least" else "<="
     unit = f" {result.unit}" if result.unit else ""
-    return f"{result.value:.4g}{unit} (needs {sign} {result.limit:.4g}{unit})"
+    where = f" at {result.worst_at}" if result.quantity in _PLACED else ""
+    return f"{result.value:.4g}{unit} (needs {sign} {result.limit:.4g}{unit}){where}"
 
 
 def _print_values(screen: Console, comparison: Comparison) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from maglev_ctrl._version import __version__
 from maglev_ctrl.errors import Verdict
@@ -30,6 +31,9 @@ from maglev_ctrl.report.model import Table as TableBlock
 from maglev_ctrl.report.style import ABSENT, number
 from maglev_ctrl.report.values import breakable, judged_cell, value_words
 from maglev_ctrl.study.records import Comparison, OptionStudy, RequirementResult
+
+MOST_COLUMNS = 9
+"""Requirements side by side in one table; more are continued in another."""
 
 
 def report_model(comparison: Comparison) -> Report:
@@ -85,14 +89,16 @@ def _banner_words(comparison: Comparison) -> str:
 
 
 def _comparison(comparison: Comparison) -> Section:
-    blocks: list[Block] = [_verdict_matrix(comparison), _value_table(comparison)]
+    names = requirement_names(comparison)
+    parts = [names[k : k + MOST_COLUMNS] for k in range(0, max(len(names), 1), MOST_COLUMNS)]
+    blocks: list[Block] = [_verdict_matrix(comparison, part) for part in parts]
+    blocks += [_value_table(comparison, part) for part in parts]
     charts = (margin_bars(comparison), options_over_speed(comparison), ride_side_by_side(comparison))
     blocks += [FigureBlock(chart) for chart in charts if chart is not None]
     return Section("Comparison of options", "comparison", 1, tuple(blocks))
 
 
-def _verdict_matrix(comparison: Comparison) -> TableBlock:
-    names = requirement_names(comparison)
+def _verdict_matrix(comparison: Comparison, names: Sequence[str]) -> TableBlock:
     rows = []
     for option in comparison.options:
         judged = {r.name: judged_cell(r) for r in option.requirements}
@@ -107,8 +113,7 @@ def _verdict_matrix(comparison: Comparison) -> TableBlock:
     )  # fmt: skip
 
 
-def _value_table(comparison: Comparison) -> TableBlock:
-    names = requirement_names(comparison)
+def _value_table(comparison: Comparison, names: Sequence[str]) -> TableBlock:
     base = next((o for o in comparison.options if o.kind == "baseline"), comparison.options[0])
     base_values = {r.name: r.value for r in base.requirements if r.bound == "exact"}
     rows = []

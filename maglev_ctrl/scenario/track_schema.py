@@ -77,7 +77,10 @@ class Girder(Record):
 
     span: PositiveLength = Field(description="from support to support")
     sag: NonnegativeLength = Field(0.0, description="static deflection at mid-span under the vehicle; a half sine")
-    flexible: FlexibleGirder | None = Field(None, description="a girder that moves; checked by a coupled computation")
+    flexible: FlexibleGirder | None = Field(
+        None,
+        description="a girder that bends by itself, computed together with the vehicle; the sag is not added to it",
+    )
 
 
 class Step(Record):

@@ -11,13 +11,19 @@ from maglev_ctrl.analysis.simulation.measure import Case, boundary_check
 from maglev_ctrl.errors import MaglevError
 from maglev_ctrl.study.nonlinear.compared import row
 from maglev_ctrl.study.nonlinear.records import Compared
+from maglev_ctrl.study.situation import PADE_ORDER
 from maglev_ctrl.study.sweeps import DISPLAY, sweep, sweep_values, varied
+from maglev_ctrl.systems import close_loop
+from maglev_ctrl.vehicle import linearize
 
 if TYPE_CHECKING:
     from maglev_ctrl.study.nonlinear.run import SimulatedOption
 
 NEAR = 0.04
 """How far either side of a linear boundary the nonlinear one is looked for."""
+TOLERANCE = 3e-3
+"""Relative width of the bracket in which the nonlinear boundary is told; linear and nonlinear have to agree to 1 %."""
+RUNS, CYCLES = 2, 8.0
 POINTS = 15
 SIZES = (0.1, 0.3, 0.6, 0.9)
 """Starts, in shares of the clearance."""
@@ -46,7 +52,10 @@ def compared_boundaries(one: SimulatedOption) -> list[Compared]:
         width = NEAR * abs(linear)
         name = f"stability boundary in {parameter.replace('_', ' ')}"
         try:
-            check = boundary_check(make, (linear - width, linear + width), duration=one.request.duration)
+            check = boundary_check(
+                make, (linear - width, linear + width), duration=_duration(one, make(linear)), tolerance=TOLERANCE,
+                runs=RUNS,
+            )  # fmt: skip
         except _FAULTS as fault:
             reason = f"{fault}"
             found.append(row(name, unit, linear=linear * scale, nonlinear=np.nan, band=(np.nan, np.nan), reason=reason))
@@ -56,6 +65,16 @@ def compared_boundaries(one: SimulatedOption) -> list[Compared]:
             row(name, unit, linear=linear * scale, nonlinear=check.boundary * scale, band=band, reason=check.reason)
         )
     return found
+
+
+def _duration(one: SimulatedOption, there: Case) -> float:
+    """Some cycles of the slowest oscillation at a boundary, at most what the scenario asks of a run."""
+    vehicle, balanced, law = there
+    plant = linearize(vehicle, balanced, pade_order=PADE_ORDER)
+    s = np.linalg.eigvals((plant if law is None else close_loop(plant, law)).state_matrix())
+    oscillating = np.abs(s.imag[s.imag > 1e-3 * np.abs(s)])
+    wanted = CYCLES * 2.0 * np.pi / float(np.min(oscillating)) if oscillating.size else 2.0
+    return float(np.clip(wanted, 1.0, max(one.request.duration, 1.0)))
 
 
 def returned_starts(one: SimulatedOption, decay: float) -> tuple[tuple[str, float, int, int], ...]:
