@@ -31,6 +31,7 @@ def comparison_faults(scenario: Scenario) -> Iterator[Fault]:
     if scenario.irregularity is not None:
         yield from _irregularity_faults(scenario.irregularity)
     yield from _ride_faults(scenario.ride)
+    yield from _room_faults(scenario)
     yield from _pack_faults(scenario)
     yield from _contradictions(scenario)
     for index, requirement in enumerate(scenario.requirements):
@@ -92,6 +93,17 @@ def _ride_faults(record: Ride) -> Iterator[Fault]:
         for place, (one, after) in enumerate(zip(mask.points, mask.points[1:], strict=False)):
             if after.frequency <= one.frequency:
                 yield Fault(("ride", "mask", index, "point", place + 1, "frequency"), "expected rising frequencies")
+
+
+def _room_faults(scenario: Scenario) -> Iterator[Fault]:
+    """A place of contact that the magnets do not reach even at the design point."""
+    operating, ride = scenario.operating, scenario.ride
+    for key, least, own, what in (
+        ("smallest_height", ride.smallest_height, operating.height, "levitation height"),
+        ("smallest_gap", ride.smallest_gap, operating.gap, "guidance gap"),
+    ):
+        if least > 0.0 and own is not None and least >= own:
+            yield Fault(("ride", key), f"expected less than the {what} of the design point, {1e3 * own:.4g} mm")
 
 
 def _needs(scenario: Scenario, requirement: RequirementRecord, *, path: KeyPath) -> Iterator[Fault]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -63,7 +64,13 @@ def girder_shape(model: OptionModel) -> PieceShape | None:
     record = model.scenario.irregularity
     if record is None or record.girder is None or record.girder.sag == 0.0:
         return None
-    return PieceShape.from_source(girder_bow("girder", span=record.girder.span, rise=-record.girder.sag))
+    return _sagging(record.girder.span, record.girder.sag)
+
+
+@lru_cache(maxsize=8)
+def _sagging(span: float, sag: float) -> PieceShape:
+    """One record for equal girders, so that its harmonics are worked out once."""
+    return PieceShape.from_source(girder_bow("girder", span=span, rise=-sag))
 
 
 def largest_gap_change(

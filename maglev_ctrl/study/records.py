@@ -165,7 +165,7 @@ class Comparison:
 
     @property
     def verdict(self) -> Verdict:
-        """PASS when at least one option passes every requirement and none is missing; see each option's own verdict."""
+        """PASS when every option passes, FAIL when one fails; see each option's own verdict."""
         verdicts = [o.verdict for o in self.options]
         if verdicts and all(v is Verdict.PASS for v in verdicts):
             return Verdict.PASS

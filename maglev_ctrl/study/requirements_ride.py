@@ -15,6 +15,8 @@ from maglev_ctrl.study.finding import Finding, missing
 from maglev_ctrl.study.ride_records import RidePoint
 
 TWO_INTEGRALS = "covariance equations and frequency integral agree"
+BELOW_ONE = 1.0 - 1e-9
+NO_GAP = "the vehicle has no magnet with a gap"
 RIDE_OVER = ("nominal", "speed", "payload")
 """Where the ride is looked at: the design point, or the worst point of a sweep that includes it."""
 
@@ -31,12 +33,16 @@ class Candidate:
 Read = Callable[[RideResponse], Iterator[Candidate]]
 
 
-def ride_finder(read: Read, nothing: str) -> Callable[[Evidence, str], Finding]:
+def ride_finder(
+    read: Read, nothing: str, *, zero: bool = True, touching: float | None = None
+) -> Callable[[Evidence, str], Finding]:
     """The largest value over the operating points that `over` asks for; one that is missing leaves it open.
 
     Parameters
     ----------
-    nothing : what to say where no point has such a value (no actuator, no stroke): the value is then zero
+    nothing : what to say where no point has such a value (no actuator, no stroke)
+    zero : whether the value is zero then; else it is not evaluated
+    touching : the value where a magnet touches at rest; None: there is none
     """
 
     def find(evidence: Evidence, over: str) -> Finding:
@@ -45,6 +51,8 @@ def ride_finder(read: Read, nothing: str) -> Callable[[Evidence, str], Finding]:
         points = points_over(evidence.ride.points, over)
         worst, where = -math.inf, ""
         for point in points:
+            if point.touches and touching is not None:
+                return Finding(touching, point.where, "equilibrium", point.reason)
             if point.response is None:
                 return missing(f"at {point.where}: {point.reason}")
             for one in read(point.response):
@@ -53,7 +61,7 @@ def ride_finder(read: Read, nothing: str) -> Callable[[Evidence, str], Finding]:
                 if one.value > worst:
                     worst, where = one.value, f"{point.where}, {one.what}"
         if math.isinf(worst) and worst < 0.0:
-            return Finding(0.0, "every point", nothing)
+            return Finding(0.0, "every point", nothing) if zero else missing(nothing)
         return Finding(worst, where, TWO_INTEGRALS, f"largest for {where}")
 
     return find
@@ -129,12 +137,15 @@ def robust_factor(evidence: Evidence, over: str) -> Finding:
         return missing(evidence.robustness_reason)
     factor = found.factor
     if found.stable is Verdict.FAIL:
-        words = f"a combination at {factor.found:.4g} of the spreads puts a pole on the axis"
-        return Finding(factor.found, "design point", "pole replayed on the perturbed loop", words, bound="upper")
+        words = found.reason or "a combination within the spreads is unstable"
+        least = min(factor.found, BELOW_ONE)  # it lies inside the spreads
+        return Finding(least, "design point", "pole replayed on the perturbed loop", words, bound="upper")
     if math.isnan(factor.proven):
         return missing(found.reason or "no guaranteed factor")
     words = f"guaranteed for every combination up to this factor; {_beyond(factor.found)}"
-    return Finding(factor.proven, "design point", "structured singular value, upper bound", words, bound="lower")
+    # Proven in parts of the box, stability holds for all of it whatever the factor of one piece says.
+    proven = max(factor.proven, 1.0) if found.stable is Verdict.PASS else factor.proven
+    return Finding(proven, "design point", "structured singular value, upper bound", words, bound="lower")
 
 
 def _beyond(found: float) -> str:
@@ -170,9 +181,11 @@ def _worst_found(point: WorstPoint, bound: Literal["lower", "upper"]) -> Finding
 RIDE_FINDERS: dict[str, Callable[[Evidence, str], Finding]] = {
     "weighted_acceleration": weighted_acceleration(None),
     "acceleration_mask": acceleration_mask,
-    "gap_used": ride_finder(_clearance("gap", "used"), "no gap"),
-    "stroke_used": ride_finder(_clearance("stroke", "used"), "no suspension stroke"),
-    "contact_probability": ride_finder(_clearance("any", "contact_per_hour"), "no gap"),
+    "gap_used": ride_finder(
+        _clearance("gap", "used"), "the vehicle has no magnet with a gap", zero=False, touching=math.inf
+    ),
+    "stroke_used": ride_finder(_clearance("stroke", "used"), "the vehicle has no suspension stroke", zero=False),
+    "contact_probability": ride_finder(_clearance("any", "contact_per_hour"), NO_GAP, zero=False, touching=1.0),
     "force_used": ride_finder(_force_used, "no actuator"),
     "supplied_power": ride_finder(_supplied_power, "no actuator"),
     "force_rate": ride_finder(_force_rate, "no actuator"),

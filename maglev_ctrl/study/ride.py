@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -12,20 +13,28 @@ from maglev_ctrl.analysis.response.records import PsdMask, RideResponse
 from maglev_ctrl.analysis.response.requests import Clearance, Passenger, Port, guideway_places, link_port
 from maglev_ctrl.analysis.response.ride import ride_response
 from maglev_ctrl.arrays import read_only_any
-from maglev_ctrl.errors import MaglevError
+from maglev_ctrl.errors import MaglevError, ModelError
 from maglev_ctrl.guideway.correlation import track_inputs
 from maglev_ctrl.scenario.track import seats, track_spectra
 from maglev_ctrl.study.passing import flexible_span, gap_outputs, largest_gap_change, span_passing, step_passing
-from maglev_ctrl.study.ride_records import MaskResult, RidePoint, RideStudy
-from maglev_ctrl.study.situation import PADE_ORDER, OptionModel, Situation
+from maglev_ctrl.study.ride_records import MaskResult, RidePoint, RideStudy, SpanPassing
+from maglev_ctrl.study.situation import OptionModel, Situation
 from maglev_ctrl.study.sweeps import DISPLAY, sweep_values, varied
 from maglev_ctrl.systems import Controller, SecondOrderSystem
-from maglev_ctrl.vehicle import Equilibrium, Vehicle, linearize
+from maglev_ctrl.vehicle import Equilibrium, Vehicle
 from maglev_ctrl.vehicle.elements import GUIDEWAY
 
 SPEEDS = 7
 """Operating points along the speed sweep; other sweeps are looked at at their ends."""
 RIDE_SWEEPS = ("speed", "payload")
+
+
+_spectra = lru_cache(maxsize=8)(track_spectra)
+"""One record for one irregularity, so that its shaping filters are worked out once for every speed."""
+
+
+class Touches(ModelError):
+    """A magnet stands where it touches already: there is no ride, and no clearance to use."""
 
 
 def ride_at(
@@ -41,6 +50,7 @@ def ride_at(
     Raises
     ------
     ModelError : there is no equilibrium, or the scenario describes no irregularity
+    Touches : a magnet stands no higher than where it touches
     OutOfDomain : the forces are not known there
     NotStable : the closed loop is not stable
     """
@@ -48,9 +58,8 @@ def ride_at(
     if irregularity is None:
         raise MaglevError("the scenario describes no irregularity of the guideway")
     vehicle, balanced = model.balance(situation)
-    plant = linearize(vehicle, balanced, pade_order=PADE_ORDER)
-    law = model.law_at(situation, controller)
-    spectra = track_spectra(irregularity)
+    plant, law = model.plant(situation), model.law_at(situation, controller)
+    spectra = _spectra(irregularity)
     band = irregularity.band
     return ride_response(
         plant,
@@ -80,11 +89,13 @@ def ride_study(model: OptionModel, controller: Controller | None) -> RideStudy:
     irregularity = model.scenario.irregularity
     if irregularity is None:
         raise MaglevError("the scenario describes no irregularity of the guideway")
-    points = tuple(_point(model, controller, where, situation) for where, situation in ride_situations(model))
+    passing = span_passing(model, controller)
+    looked = dict([*ride_situations(model), *_worst_passing(model, passing)])
+    points = tuple(_point(model, controller, where, situation) for where, situation in looked.items())
     return RideStudy(
         points=points,
         masks=_mask_results(model, points[0].response),
-        passing=span_passing(model, controller),
+        passing=passing,
         flexible=flexible_span(model, controller),
         step=step_passing(model, controller),
         spectrum=track_spectra(irregularity).words,
@@ -104,6 +115,15 @@ def ride_situations(model: OptionModel) -> Iterator[tuple[str, Situation]]:
         for value in chosen.tolist():
             if value != own[name] and (name != "speed" or value > 0.0):
                 yield f"{name} {value * scale:.4g} {unit}", varied(design, name, value)
+
+
+def _worst_passing(model: OptionModel, passing: SpanPassing | None) -> Iterator[tuple[str, Situation]]:
+    """Where girders move the gaps most, between the speeds of the sweep."""
+    swept = model.scenario.operating.sweep.speed is not None
+    if swept and passing is not None and np.isfinite(passing.worst_speed):
+        unit, scale = DISPLAY["speed"]
+        where = f"speed {passing.worst_speed * scale:.4g} {unit}"
+        yield where, varied(Situation.of_design(model.scenario), "speed", passing.worst_speed)
 
 
 def passengers(model: OptionModel, vehicle: Vehicle) -> tuple[Passenger, ...]:
@@ -135,12 +155,15 @@ def clearances(
         magnet, _, which = output.rpartition(".")
         heights = balanced.magnet_heights if which == "gap" else balanced.magnet_gaps
         nominal = float(heights[places[magnet]])
-        room = nominal - (ride.smallest_height if which == "gap" else ride.smallest_gap)
-        if room > 0.0:
-            found.append(
-                Clearance(magnet if which == "gap" else f"{magnet} (wall)", "gap", output, nominal=nominal,
-                          clearance=room, sag=sag[output])
-            )  # fmt: skip
+        least = ride.smallest_height if which == "gap" else ride.smallest_gap
+        if nominal <= least:
+            raise Touches(
+                f"{magnet} touches at rest: it stands at {1e3 * nominal:.4g} mm, contact is {1e3 * least:.4g} mm"
+            )
+        found.append(
+            Clearance(magnet if which == "gap" else f"{magnet} (wall)", "gap", output, nominal=nominal,
+                      clearance=nominal - least, sag=sag[output])
+        )  # fmt: skip
     for link in strokes:
         assert ride.largest_stroke is not None
         output = f"{link.name}.stroke"
@@ -193,5 +216,7 @@ def _point(model: OptionModel, controller: Controller | None, where: str, situat
     blank = RidePoint(where=where, speed=situation.speed, payload=payload, response=None, reason="")
     try:
         return replace(blank, response=ride_at(model, controller, situation))
+    except Touches as fault:
+        return replace(blank, reason=f"{fault}", touches=True)
     except (MaglevError, ValueError, ArithmeticError, np.linalg.LinAlgError) as fault:
         return replace(blank, reason=f"{fault}")

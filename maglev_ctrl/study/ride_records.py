@@ -10,13 +10,14 @@ from maglev_ctrl.arrays import FloatArray
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RidePoint:
-    """The ride at one operating point, or why there is none."""
+    """The ride at one operating point, or why there is none; `touches`: a magnet touches there at rest."""
 
     where: str
     speed: float  # m/s
     payload: float  # kg
     response: RideResponse | None
     reason: str
+    touches: bool = False
 
 
 @dataclass(frozen=True, eq=False, slots=True)

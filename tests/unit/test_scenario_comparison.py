@@ -96,6 +96,7 @@ def test_without_the_new_tables_a_file_means_what_it_meant(tmp_path: Path) -> No
             'contradicts the requirement "damping"',
         ),
         (ROUGH + '[simulation]\nduration = "4 s"\n', "", "simulation.settle"),
+        (ROUGH + '[ride]\nsmallest_height = "0.25 m"\n', "", "the levitation height of the design point, 200 mm"),
     ],
 )  # fmt: skip
 def test_faults_name_their_place(tmp_path: Path, more: str, top: str, told: str) -> None:

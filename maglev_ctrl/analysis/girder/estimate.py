@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from math import pi
+from typing import Final
 
 import numpy as np
 
 from maglev_ctrl.analysis.girder.passing import driven_system
 from maglev_ctrl.analysis.girder.shapes import PieceShape
-from maglev_ctrl.arrays import FloatArray, read_only_any
+from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only_any
 from maglev_ctrl.systems import SecondOrderSystem
+
+TIMES: Final = 384
+"""Places of one span at which the motion is looked at."""
 
 
 def passing_estimate(
@@ -20,18 +25,18 @@ def passing_estimate(
     speed: float,
     places: Mapping[str, float],
     outputs: Sequence[str],
-    harmonics: int = 24,
+    harmonics: int = 32,
 ) -> FloatArray:
-    """Largest modulus of every output over one period, by the first harmonics on an even grid; (outputs,).
+    """Largest modulus of every output over one period, by the first harmonics at even places; (outputs,).
 
-    What is left out is not bounded: `passing_response` is the exact one. An output that feels the shape itself (a gap)
-    converges as the shape's own series, for a half sine as 1/harmonics.
+    What is left out of the vehicle's motion is not bounded: `passing_response` is the exact one. The shape that an
+    output feels directly (a gap) is not cut short, and peaks between the places are counted by half a step.
 
     Parameters
     ----------
     speed : m/s
     places, outputs : see `passing_response`
-    harmonics : how many; the grid has eight points for the last one
+    harmonics : how many
 
     Raises
     ------
@@ -53,11 +58,23 @@ def passing_estimate(
     order = np.arange(1, harmonics + 1)
     s = 2j * pi * speed / shape.span * order
     # No lateral shape is given: every input meets the one shape.
-    drive = shape.harmonics(harmonics)[:, None] * np.exp(2j * pi * order[:, None] * system.places / shape.span)
+    drive = _harmonics(shape, harmonics)[:, None] * np.exp(2j * pi * order[:, None] * system.places / shape.span)
     push = drive @ system.E_w.T + (s[:, None] * drive) @ system.E_v.T
     states = np.linalg.solve(s[:, None, None] * np.eye(len(system.A)) - system.A, push[..., None])[..., 0]
-    amplitudes = states @ system.C.T + drive @ system.D_w.T + (s[:, None] * drive) @ system.D_v.T
-    means = np.array([one.mean for one in system.shapes])
-    mean = system.D_w @ means - system.C @ np.linalg.solve(system.A, system.E_w @ means)
-    grid = np.exp(2j * pi * order * np.arange(8 * harmonics)[:, None] / (8 * harmonics))
-    return read_only_any(np.max(np.abs(mean + (grid @ amplitudes).real), axis=0))
+    amplitudes = states @ system.C.T + (s[:, None] * drive) @ system.D_v.T
+    mean = -system.C @ np.linalg.solve(system.A, system.E_w @ np.full(len(system.places), shape.mean))
+    along = np.arange(TIMES) * (shape.span / TIMES)
+    moved = (np.exp(2j * pi / shape.span * along[:, None] * order) @ amplitudes).real
+    felt = np.flatnonzero(np.any(system.D_w, axis=0))
+    below = np.array([shape.at(along + system.places[i]) for i in felt]).reshape(len(felt), TIMES)
+    total = np.abs(mean + moved + below.T @ system.D_w[:, felt].T)
+    top, columns = np.argmax(total, axis=0), np.arange(total.shape[1])
+    # A peak between two places, a kink too, is no further above the higher one than half a step of the curve there.
+    ahead, behind = total[(top + 1) % TIMES, columns], total[top - 1, columns]
+    peak = total[top, columns]
+    return read_only_any(peak + 0.5 * np.maximum(peak - ahead, peak - behind))
+
+
+@lru_cache(maxsize=16)
+def _harmonics(shape: PieceShape, count: int) -> ComplexArray:
+    return shape.harmonics(count)

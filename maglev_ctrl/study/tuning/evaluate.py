@@ -21,6 +21,7 @@ from maglev_ctrl.scenario import OptionRecord, RequirementRecord, Scenario
 from maglev_ctrl.scenario.tunes import TunedQuantity, with_tuned
 from maglev_ctrl.study.design.budget import with_budget
 from maglev_ctrl.study.loops import option_loops
+from maglev_ctrl.study.ride import ride_at
 from maglev_ctrl.study.situation import OptionModel, Situation
 from maglev_ctrl.study.tuning.candidate import CandidateModel, Shared
 from maglev_ctrl.study.tuning.figures import (
@@ -37,7 +38,6 @@ from maglev_ctrl.study.tuning.figures import (
 )
 from maglev_ctrl.study.tuning.law import quick_law
 from maglev_ctrl.study.tuning.operating_set import operating_set
-from maglev_ctrl.study.tuning.ride import quick_ride
 from maglev_ctrl.systems import Controller, loop_matrices
 
 RESERVE: Final = 0.02
@@ -271,7 +271,7 @@ def _damping(s: ComplexArray) -> float:
 
 
 def _ride(model: OptionModel, controller: Controller | None, situation: Situation) -> dict[str, float]:
-    return ride_figures(quick_ride(model, controller, situation))
+    return ride_figures(ride_at(model, controller, situation, quick=True))
 
 
 def _margins(model: OptionModel, loop: Loop | None, situation: Situation, poles: ComplexArray) -> dict[str, float]:
