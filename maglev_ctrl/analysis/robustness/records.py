@@ -33,7 +33,7 @@ class FactorBounds:
     `proven` : stable for every combination of changes within +- proven times the spreads (structured singular value)
     `found` : the smallest factor at which an unstable combination was found; inf where none was found up to `limit`
     `changes` (p,) : that combination in units of the spreads, largest modulus = found; a pole lies on the axis at
-        `frequency` (rad/s), `pole_distance` = |Re s| / |s| of it (relative to the loop's rates for a real pole)
+    `frequency` (rad/s), `pole_distance` = |Re s| / |s| of it (relative to the loop's rates for a real pole)
     `limit` : how far was searched (a relative change of -1 ends the physics of a parameter)
     `boxes` : how many parts the parameter box was split into for the proof
     `agreement` : AGREED where found is at most 5 % above proven; else the true factor lies between the two
@@ -74,7 +74,7 @@ class WorstCase:
     """Worst cases of a closed loop within the stated spreads of its parameters.
 
     `stable` : PASS where stability is proven for every combination, FAIL where an unstable one was found and replayed,
-        NOT EVALUATED between the two
+    NOT EVALUATED between the two
     `factor` : by what factor the spreads may grow, from both sides
     `growth` : largest real part of a pole, 1/s; `damping` : smallest damping ratio of an oscillating mode;
     `disk` : smallest balanced disk margin of all channels at once
