@@ -367,7 +367,8 @@ def _cell(result: RequirementResult) -> str:
 
     verdict = result.verdict.value
     value = "" if verdict == "NOT EVALUATED" else f"{result.value:.4g} {result.unit}".rstrip() + " "
-    return f"{escape(value)}[{_STYLES[verdict]}]{verdict}[/]"
+    wish = "" if result.hard else " (a wish)"
+    return f"{escape(value)}[{_STYLES[verdict]}]{verdict}[/]{wish}"
 
 
 def _exit_code(comparison: Comparison) -> int:

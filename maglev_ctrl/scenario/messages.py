@@ -139,7 +139,7 @@ def _model_at(location: KeyPath) -> type[BaseModel] | None:
 def _model_tags(model: type[BaseModel]) -> tuple[Any, ...]:
     return tuple(
         tag
-        for key in ("model", "law", "kind", "quantity", "shape")
+        for key in ("model", "law", "kind", "quantity", "shape", "form")
         if key in model.model_fields and get_origin(model.model_fields[key].annotation) is Literal
         for tag in get_args(model.model_fields[key].annotation)
     )

@@ -158,6 +158,21 @@ at_least = 2.0
 name = "overspeed"
 quantity = "speed_margin"             # distance to instability, a fraction of the design speed
 at_least = 0.10
+
+# ------------------------------------------------------------------- ride, worst cases, tuning: remove the # to use
+# [irregularity]                      # how rough the guideway is: ride, gaps and power of actuators
+# vertical = { form = "inverse_square", amplitude = "1.5e-6 m" }
+# band = { from = "0.1 Hz", to = "50 Hz" }   # without it a gap's velocity has no variance, and contacts no rate
+# [ride]
+# smallest_height = "0.05 m"          # where a magnet touches
+# [uncertainty]                       # how far parameters may be off: stable for all of them?
+# magnetic_force = "5 %"
+# [tuning]                            # `compare` then chooses the values that an option names, e.g. below the windings:
+# objectives = ["ride", "gap"]        #   [[option.tune]]
+#                                     #   value = "spring_damper.winding.damping"
+#                                     #   from = "1 kN*s/m"
+#                                     #   to = "100 kN*s/m"
+# Sets of requirements from practice go to the top of the file: packs = ["classical_margins", "ride_iso_2631", "gap"]
 """
 
 

@@ -94,7 +94,7 @@ def test_how_firm_the_ranking_is() -> None:
     assert "changes in 1 of 4 trials; Active secondary, LQR loses first place in 1" in words(section)
     (told,) = table(section, "What changes the ranking")  # the three changes that alter nothing are a sentence
     assert told[2:] == ["Damper windings", "1. Damper windings; 2. Active secondary, LQR; 3. No added suspension"]
-    assert "It stays as it is with another" in words(section)
+    assert "No other value tried of these alters it" in words(section)
     firm = replace(made.tuning(), shifts=made.tuning().shifts[1:])
     assert "The ranking is firm: none of 3" in words(tuning_section(firm))
 

@@ -70,6 +70,12 @@ def test_without_the_new_tables_a_file_means_what_it_meant(tmp_path: Path) -> No
             '[irregularity]\nvertical = { form = "rational", numerator = [1.0, 1.0], denominator = [1.0, 1.0] }\n',
             "", "at the high end",
         ),
+        ('[irregularity]\nvertical = { form = "inverse_squar" }\n', "", 'did you mean "inverse_square"?'),
+        ('[irregularity]\nvertical = { amplitude = "1e-6 m" }\n', "", "irregularity.vertical.form: missing"),
+        (
+            '[irregularity]\nvertical = { form = "inverse_square", amplitud = "1e-6 m" }\n', "",
+            'did you mean "amplitude"?',
+        ),
         (ROUGH + 'cross_level_base = "2.7 m"\n', "", "cross_level is missing"),
         (ROUGH + 'band = { from = "10 Hz", to = "1 Hz" }\n', "", "irregularity.band.to"),
         (ROUGH + 'girder = { span = "25 m" }\n', "", "this girder does nothing"),

@@ -132,7 +132,7 @@ def simulate(
             break
         chosen, coarse = 0.5 * chosen, fine
     store, outcome, schedule = integrated(chosen, duration, signals)
-    scale = max(float(np.nanmax(np.abs(store.kinetic))), float(np.nanmax(np.abs(store.work))), 1e-300)
+    scale = max(_largest(store.kinetic), _largest(store.work), 1e-300)
     change = store.kinetic - store.kinetic[:, :1] - store.work
     return Trajectory(
         time=read_only(interval * np.arange(store.kinetic.shape[1]), name="time"),
@@ -142,7 +142,7 @@ def simulate(
         saturation={name: read_only_any(outcome.saturation[:, i]) for i, name in enumerate(system.inputs)},
         kinetic=read_only_any(store.kinetic),
         work=read_only_any(store.work),
-        energy_error=float(np.nanmax(np.abs(change))) / scale,
+        energy_error=_largest(change) / scale,
         step=float(np.max(schedule.widths)),
         step_error=error,
         checked=0.0 if responding else checked,
@@ -154,6 +154,12 @@ def _interval(controller: Controller | None) -> float:
     if period is None:
         return SAMPLING
     return round(SAMPLING / period) * period if period <= SAMPLING else period / np.ceil(period / SAMPLING)
+
+
+def _largest(values: FloatArray) -> float:
+    """Largest modulus of what is known; 0 where every run ended at once."""
+    known = np.abs(values[np.isfinite(values)])
+    return float(np.max(known, initial=0.0))
 
 
 def _check(*, duration: float, sampling: float, step: float | None) -> None:

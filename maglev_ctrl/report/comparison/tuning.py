@@ -198,8 +198,9 @@ def _firmness(study: TuningStudy) -> str:
         if first is None
         else f"; {first.label} " + (f"loses first place in {lost}" if lost else "stays first in all")
     )
-    same = ", ".join(dict.fromkeys(shift.what for shift in study.shifts if not shift.changed))
-    kept = f" It stays as it is with another {same}." if same else ""
+    moving = {shift.what for shift in study.shifts if shift.changed}
+    same = ", ".join(dict.fromkeys(shift.what for shift in study.shifts if shift.what not in moving))
+    kept = f" No other value tried of these alters it: {same}." if same else ""
     return f"The ranking changes in {moved} of {len(study.shifts)} trials{who}.{kept}"
 
 
