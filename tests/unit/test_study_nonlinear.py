@@ -145,8 +145,7 @@ def test_contact_is_told_with_time_magnet_and_speed(tmp_path, no_growth):
         assert 0.0 < event.time < found.time[-1] and event.value > 0.0
         height = np.asarray(found.signals["magnet_1.height"])[event.run]
         assert np.nanmin(height) >= 0.0995 - 1e-9 and np.isnan(height[-1])  # nothing is computed under the ground
-    (spread,) = rows(study, "standard deviations")
-    assert spread.agreement is UNRESOLVED and "ended early" in spread.reason and math.isnan(spread.nonlinear)
+    assert not [one for one in study.compared if "deviation" in one.name]  # of runs cut short there is none
     assert simulated(model, study, found).verdict is Verdict.FAIL
 
 
