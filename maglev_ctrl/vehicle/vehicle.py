@@ -144,6 +144,12 @@ class Vehicle:
         return (*self.connections, *self.actuators)
 
     @property
+    def places(self) -> dict[str, Vector]:
+        """Where magnets, links, sensors and measured elements meet the guideway, by name, m; the last at their body."""
+        found = {one.name: one.position for one in (*self.magnets, *self.links, *self.sensors)}
+        return found | {one.name: self.body(one.body).position for one in self.coefficient_elements}
+
+    @property
     def dofs(self) -> tuple[str, ...]:
         """Coordinates, such as "car.heave", body by body."""
         return tuple(f"{body.name}.{dof}" for body in self.bodies for dof in body.dofs)

@@ -88,7 +88,7 @@ def vehicle_on_guideway(
     command = None if controller is None else _commands(closed, controller)
     rows = [_force_rows(one, system, closed, controller=controller, command=command) for one in elements]
     n, n_w = len(closed.states), len(closed.guideway)
-    positions = _positions(vehicle)
+    positions = element_places(vehicle)
     felt = [name.partition("@") for name in closed.guideway]
     return VehicleOnGuideway(
         closed,
@@ -103,13 +103,6 @@ def vehicle_on_guideway(
     )
 
 
-def _positions(vehicle: Vehicle) -> dict[str, float]:
-    """x of everything that feels the guideway, m."""
-    places = {one.name: one.position[0] for one in (*vehicle.magnets, *vehicle.links, *vehicle.sensors)}
-    places.update({one.name: vehicle.body(one.body).position[0] for one in vehicle.coefficient_elements})
-    return places
-
-
 def element_places(vehicle: Vehicle) -> dict[str, float]:
     """x (m, forward) of every magnet, link, sensor and measured element, by its name: the places of its guideway input.
 
@@ -120,7 +113,7 @@ def element_places(vehicle: Vehicle) -> dict[str, float]:
     >>> element_places(Vehicle("cart", bodies=(Body("car", 10.0),), connections=(leg,), reference_height=0.1))
     {'leg': 2.0}
     """
-    return _positions(vehicle)
+    return {name: place[0] for name, place in vehicle.places.items()}
 
 
 def _elements(vehicle: Vehicle, state: Equilibrium, loads: dict[str, float]) -> list[_Element]:

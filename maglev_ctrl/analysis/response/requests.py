@@ -117,8 +117,7 @@ def guideway_places(vehicle: Vehicle, names: tuple[str, ...]) -> FloatArray:
     >>> guideway_places(cart, ("heave@leg",)).tolist()
     [[3.0, -1.0]]
     """
-    found = {element.name: vehicle.body(element.body).position for element in vehicle.coefficient_elements}
-    found |= {element.name: element.position for element in (*vehicle.magnets, *vehicle.links, *vehicle.sensors)}
+    found = vehicle.places
     places: list[tuple[float, float]] = []
     for name in names:
         kind, _, element = name.partition("@")

@@ -16,7 +16,7 @@ from maglev_ctrl.study.forcing import periodic_system
 from maglev_ctrl.study.nonlinear.records import Compared
 from maglev_ctrl.study.nonlinear.tracks import SimulatedTracks, in_band
 from maglev_ctrl.study.ride import ride_at
-from maglev_ctrl.study.situation import VERIFICATION_ORDER, Situation
+from maglev_ctrl.study.situation import VERIFICATION_ORDER
 from maglev_ctrl.systems.periodic import at_depth
 
 if TYPE_CHECKING:
@@ -163,8 +163,3 @@ def _row(
 def row(name: str, unit: str, *, linear: float, nonlinear: float, band: tuple[float, float], reason: str) -> Compared:
     """A comparison; AGREED where both numbers exist and nothing speaks against them."""
     return _row(name, unit, linear, nonlinear, band[0], band[1], reason)
-
-
-def situation_words(situation: Situation) -> str:
-    """The speed of a situation as people read it."""
-    return f"{situation.speed * 3.6:.4g} km/h"

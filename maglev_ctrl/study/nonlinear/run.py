@@ -9,10 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from maglev_ctrl.analysis.simulation.cycles import limit_cycle
-from maglev_ctrl.analysis.simulation.records import Limits, Trajectory
+from maglev_ctrl.analysis.simulation.records import Event, Limits, Trajectory
 from maglev_ctrl.analysis.simulation.run import simulate
 from maglev_ctrl.arrays import FloatArray, read_only_any
-from maglev_ctrl.errors import ModelError
 from maglev_ctrl.scenario import OptionRecord, Scenario
 from maglev_ctrl.scenario.tuning_schema import Simulation
 from maglev_ctrl.study.law import designed_option
@@ -190,11 +189,7 @@ def _push(one: SimulatedOption) -> dict[str, FloatArray]:
     return {name: size * random.standard_normal(one.request.runs) for name in heave}
 
 
-def _event(event: object) -> SimulatedEvent:
-    from maglev_ctrl.analysis.simulation.records import Event
-
-    if not isinstance(event, Event):
-        raise ModelError("an event of another kind")
+def _event(event: Event) -> SimulatedEvent:
     kind = {"contact": "contact", "data": "outside the force data", "diverged": "diverged"}[event.kind]
     return SimulatedEvent(event.run, event.time, kind, event.element, event.speed, event.reason)
 
