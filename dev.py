@@ -19,7 +19,7 @@ ENVIRONMENT = ROOT / ".venv"
 BIN = ENVIRONMENT / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
 STAMP = ENVIRONMENT / "maglev-ctrl-setup"
-EXTRAS = "test,docs"
+EXTRAS = "test,docs,ui"
 
 HELP = """usage: python3 dev.py VERB [ARGUMENTS]
 
@@ -28,6 +28,7 @@ HELP = """usage: python3 dev.py VERB [ARGUMENTS]
   docs                      build the documentation site into docs/_build/html
   bench [NAME]              run the benchmarks
   setup                     only set up
+  ui [SCENARIO]             the workbench page in your browser
   report | design ...       everything else is the maglev-ctrl command:
                             python3 dev.py report scenarios/compare/eds_135t.toml
 """
