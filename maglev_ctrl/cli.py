@@ -22,6 +22,7 @@ from maglev_ctrl.cli_map import stability_map
 from maglev_ctrl.cli_reproduce import reproduce
 from maglev_ctrl.cli_simulate import simulate
 from maglev_ctrl.cli_terminal import BAD_INPUT, NOT_PASSED, PASSED, Stopped, console, progress
+from maglev_ctrl.cli_ui import ui
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -98,6 +99,7 @@ app.command()(identify)
 app.command(name="map")(stability_map)
 app.command()(reproduce)
 app.command()(simulate)
+app.command()(ui)
 
 
 @app.command()

@@ -52,6 +52,31 @@ def load(path: str | Path) -> Scenario:
     return _checked(_parse(text, shown=shown), file, text, shown=shown)
 
 
+def load_text(text: str, path: str | Path) -> Scenario:
+    """The scenario a text would be as the file at a path, checked as `load` does; the file need not exist.
+
+    Parameters
+    ----------
+    path : names the scenario; data files are looked for in its folder, and told faults show its last part only
+
+    Raises
+    ------
+    ScenarioProblems : every fault found, one line each
+
+    Examples
+    --------
+    >>> load_text("format = 1", "nowhere/mine.toml")
+    Traceback (most recent call last):
+        ...
+    maglev_ctrl.scenario.problems.ScenarioProblems: mine.toml:1:1: forces: missing; expected a table
+    ...
+    """
+    file = Path(path)
+    content = text.encode(errors="surrogatepass")
+    checked = _text_of(content, shown=file.name)
+    return _checked(_parse(checked, shown=file.name), file, checked, shown=file.name)
+
+
 def with_values(scenario: Scenario, values: Mapping[KeyPath, object]) -> Scenario:
     """The scenario with values of its file replaced, as they would be written there, and checked again as a whole.
 
@@ -190,6 +215,10 @@ def _text(file: Path, *, shown: str) -> str:
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise ScenarioProblems(shown, [Problem(0, 0, "", f"cannot be read: {reason}")]) from None
+    return _text_of(content, shown=shown)
+
+
+def _text_of(content: bytes, *, shown: str) -> str:
     if len(content) > SIZE_LIMIT:
         raise ScenarioProblems(shown, [Problem(0, 0, "", "expected at most 1 MiB of text")])
     try:
