@@ -1,0 +1,106 @@
+"""One option with its law, the values of its file as the sliders have them: what every view is computed from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from maglev_ctrl.errors import MaglevError, ModelError
+from maglev_ctrl.scenario import Scenario
+from maglev_ctrl.scenario.guideway_schema import EddyCurrentForces
+from maglev_ctrl.scenario.problems import near_match
+from maglev_ctrl.scenario.quantity_paths import ScenarioQuantity, with_quantity
+from maglev_ctrl.study.forcing import delays_are_short, periodic_system, slowed_vehicle
+from maglev_ctrl.study.law import designed_option
+from maglev_ctrl.study.modulation import ScenarioModulation, modulation_of
+from maglev_ctrl.study.situation import OptionModel, Situation
+from maglev_ctrl.systems import Controller, PeriodicSystem, SecondOrderSystem, at_depth
+from maglev_ctrl.vehicle import Equilibrium, Vehicle
+
+NO_PERIOD = "the scenario describes no periodic forces: there is no map"
+FAULTS = (MaglevError, ValueError, ArithmeticError, np.linalg.LinAlgError)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Designed:
+    """An option whose law is designed at its scenario's own design point.
+
+    `merged`: on the map, delay and bandwidth of every actuator are one lag, because they are short against every mode.
+    """
+
+    model: OptionModel
+    controller: Controller | None
+    notes: tuple[str, ...]
+    modulation: ScenarioModulation | None
+    map_reason: str
+    merged: bool
+    _vehicles: dict[float | None, Vehicle] = field(default_factory=dict)
+
+    def vehicle(self, payload: float | None) -> Vehicle:
+        """The vehicle with the option's elements at a payload (kg)."""
+        if payload not in self._vehicles:
+            self._vehicles[payload] = self.model.vehicle(payload)
+        return self._vehicles[payload]
+
+    def balance(self, situation: Situation) -> tuple[Vehicle, Equilibrium]:
+        """The vehicle and its equilibrium in a situation; Raises as `OptionModel.balance`."""
+        return self.model.balance_of(self.vehicle(situation.payload), situation)
+
+    def closed(self, situation: Situation) -> SecondOrderSystem:
+        """The closed loop in a situation; Raises as `OptionModel.closed_of`."""
+        return self.model.closed_of(self.vehicle(situation.payload), situation, self.controller)
+
+    def periodic(self, situation: Situation, depth: float, *, full: bool) -> PeriodicSystem:
+        """The periodic system in a situation at a depth, of the full model or of the map's.
+
+        Raises
+        ------
+        ModelError : there is no equilibrium
+        OutOfDomain : the forces are not known there
+        """
+        vehicle = self.vehicle(situation.payload)
+        if self.merged and not full:
+            vehicle = slowed_vehicle(vehicle)
+        try:
+            unit = periodic_system(self.model, vehicle, situation, self.controller, self.modulation)
+        except (ValueError, np.linalg.LinAlgError) as fault:
+            raise ModelError(f"{fault}") from None
+        return at_depth(unit, depth)
+
+
+def designed(
+    scenario: Scenario, option_name: str, changes: Sequence[tuple[ScenarioQuantity, float]] = ()
+) -> Designed:  # fmt: skip
+    """The option of a scenario, some values of its file replaced, with its law.
+
+    Raises
+    ------
+    ModelError : no option of that name, forces that are not solved, an invalid value, no equilibrium, or no law
+    OutOfDomain : the forces are not known at the design point
+    """
+    if isinstance(scenario.forces, EddyCurrentForces) and scenario.solved_force is None:
+        raise ModelError(
+            f"{scenario.path}: its eddy-current forces have to be solved first; call maglev_ctrl.study.solve_forces"
+        )
+    if changes:
+        scenario = with_quantity(scenario, tuple(changes))
+    option = next((one for one in scenario.options if one.name == option_name), None)
+    if option is None:
+        names = [one.name for one in scenario.options]
+        raise ModelError(f'unknown option "{option_name}"{near_match(option_name, names)}')
+    try:
+        model, design = designed_option(scenario, option)
+        controller = None if design is None else design.controller
+        model.closed_of(model.vehicle(), Situation.of_design(scenario), controller)
+    except (ValueError, ArithmeticError, np.linalg.LinAlgError) as fault:
+        raise ModelError(f"{fault}") from None
+    modulation, reason = None, NO_PERIOD
+    if scenario.periodic is not None:
+        try:
+            modulation, reason = modulation_of(scenario), ""
+        except FAULTS as fault:
+            reason = f"{fault}"
+    merged = modulation is not None and delays_are_short(model, model.vehicle(), controller)
+    return Designed(model, controller, () if design is None else tuple(design.notes), modulation, reason, merged)
