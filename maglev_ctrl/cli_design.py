@@ -4,19 +4,27 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from maglev_ctrl.cli_terminal import NOT_PASSED, PASSED, Stopped, console, progress
+from maglev_ctrl.cli_output import answer, say, say_quietly, say_written
+from maglev_ctrl.cli_terminal import (
+    NOT_PASSED,
+    PASSED,
+    Jobs,
+    Options,
+    OutFolder,
+    ScenarioFile,
+    Stopped,
+    console,
+    progress,
+)  # fmt: skip
 
 if TYPE_CHECKING:
     from maglev_ctrl.study.design.records import DesignStudy
 
 STYLES = {"PASS": "green", "FAIL": "red", "NOT EVALUATED": "yellow"}
-Options = Annotated[
-    list[str] | None, typer.Option("--option", metavar="NAME", help="Only this option; may be repeated.")
-]
 
 
 class Target(StrEnum):
@@ -29,18 +37,15 @@ class Target(StrEnum):
 
 
 def design(
-    scenario: Annotated[Path, typer.Argument(metavar="SCENARIO", help="Scenario file (TOML).", show_default=False)],
+    scenario: ScenarioFile,
     option: Options = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results.  [default: out/NAME]")
-    ] = None,
-    jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, max=256, help="Processes that share the work.")] = 2,
+    out: OutFolder = None,
+    jobs: Jobs = 2,
 ) -> None:
     """Design the control law of every option, prove it without trusting the solver, and export it.
 
     Writes design.html, design.pdf, design.json (self-contained, for `verify` and `export`) and the folder export with
-    MATLAB, C, Python and JSON files. Exit status: 0 every law is proved, 1 some law does not exist or is not proved,
-    2 wrong input.
+    MATLAB, C, Python and JSON files.
     """
     from maglev_ctrl.errors import ScenarioError
     from maglev_ctrl.report.folder import require_writable
@@ -66,8 +71,10 @@ def design(
         raise Stopped() from None
     try:
         _print(study)
-        for path in paths:
-            typer.echo(f"written: {path}")
+        for one in study.options:
+            say_quietly(f"{one.label}: {one.verdict.value}")
+        answer(_body(study))
+        say_written(paths)
     except Stopped as stop:
         raise Stopped(stop.status, f"interrupted; the designs were written: {folder}") from None
     raise typer.Exit(PASSED if study.verdict.value == "PASS" else NOT_PASSED)
@@ -117,8 +124,9 @@ def export(
         made = export_design(found, to.value, period=seconds)
     except ValueError as error:
         raise ModelError(f"{file}: {error}") from None
-    for path in write_whole(made, folder):
-        typer.echo(f"written: {path}")
+    paths = write_whole(made, folder)
+    answer({"design": found.name, "to": to.value})
+    say_written(paths)
 
 
 def verify(
@@ -128,8 +136,7 @@ def verify(
 
     Every plant and every law the file holds must be spoken of by a claim of stability, and sampled laws must be what
     sampling makes of the proved ones. Other texts and numbers of the file (names of laws, performance, notes) prove
-    nothing; a digest tells whether the file is as it was written. Exit status: 0 everything is proved, 1 something is
-    not, or the file was changed, 2 the file is no design.
+    nothing; a digest tells whether the file is as it was written.
     """
     from rich.markup import escape
     from rich.table import Table
@@ -137,6 +144,7 @@ def verify(
     from maglev_ctrl.study.design.document import changed_since, load_designs, prove_again
 
     screen, proved = console(), True
+    told: list[dict[str, Any]] = []
     for found in load_designs(file):
         again = prove_again(found)
         table = Table(title=f"{found.name}: {found.law}", title_justify="left")
@@ -146,15 +154,42 @@ def verify(
             word = "[green]yes[/]" if proof.holds else f"[red]no[/]: {escape(proof.reason)}"
             table.add_row(escape(proof.statement), escape(place), word, f"{proof.margin:.3g}", escape(proof.method))
         proved = proved and again.proved
+        told.append({
+            "name": found.name, "law": found.law, "proved": again.proved, "doubts": again.doubts,
+            "claims": [
+                {"claim": proof.statement, "of": place, "proved": proof.holds, "margin": proof.margin,
+                 "by": proof.method, "reason": proof.reason}
+                for proof, place in zip(again.proofs, again.places, strict=True)
+            ],
+        })  # fmt: skip
         screen.print(table)
         for doubt in again.doubts:
-            typer.echo(f"{found.name}: {doubt}")
+            say(f"{found.name}: {doubt}")
     changed = changed_since(file)
     if changed:
-        typer.echo(f"{file}: {changed}")
+        say(f"{file}: {changed}")
     proved = proved and not changed
-    typer.echo("proved" if proved else "NOT PROVED")
+    answer({"file": str(file), "proved": proved, "changed": changed, "designs": told})
+    say("proved" if proved else "NOT PROVED")
     raise typer.Exit(PASSED if proved else NOT_PASSED)
+
+
+def _body(study: DesignStudy) -> dict[str, Any]:
+    """Every law with what is proved of it; the laws themselves stand in design.json."""
+    return {
+        "scenario": study.name, "title": study.title, "scenario_hash": study.scenario_hash,
+        "verdict": study.verdict.value,
+        "options": [
+            {"name": one.name, "label": one.label, "kind": one.kind, "law": one.law, "verdict": one.verdict.value,
+             "failure": one.failure, "delays": one.delays,
+             "claims": [] if one.synthesis is None else [
+                 {"claim": proof.statement, "proved": proof.holds, "margin": proof.margin, "by": proof.method,
+                  "reason": proof.reason}
+                 for proof in one.synthesis.proofs
+             ]}
+            for one in study.options
+        ],
+    }  # fmt: skip
 
 
 def _print(study: DesignStudy) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from maglev_ctrl.cli_output import answer, manner, say_quietly
 from maglev_ctrl.cli_terminal import NOT_PASSED, PASSED, console
 
 if TYPE_CHECKING:
@@ -43,13 +44,12 @@ def diff(
     tolerance: Annotated[
         float, typer.Option("--tolerance", metavar="SHARE", help="Relative change up to which numbers are equal.")
     ] = 1e-6,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")] = False,
 ) -> None:
     """What changed from one report to another, worst first.
 
-    Exit status: 0 every option and requirement of the first report is still there, and each requirement of these
-    options passes in the second or has the verdict it had; 1 some requirement or option does not; 2 wrong input.
-    Options that only the second report has, and wishes (requirements that are not hard), are told but not judged.
+    The second is at least as good where every option and requirement of the first is still there, and each requirement
+    of these options passes in the second or has the verdict it had. Options that only the second report has, and wishes
+    (requirements that are not hard), are told but not judged.
     """
     if not 0.0 <= tolerance < 1.0:
         raise typer.BadParameter(f"expected at least 0 and below 1, got {tolerance:g}", param_hint="--tolerance")
@@ -58,13 +58,11 @@ def diff(
     from maglev_ctrl.report.reading import read_report
 
     found = difference(read_report(before), read_report(after), tolerance=tolerance)
-    if as_json:
-        import json
-
-        body = {"before": str(before), "after": str(after), **difference_plain(found)}
-        typer.echo(json.dumps(body, indent=2, ensure_ascii=False, allow_nan=False))
-    else:
-        _print(found)
+    _print(found)
+    verdict = _verdict(found)[0]
+    say_quietly(f"{verdict}: {_summary(found)}")
+    if manner().as_json:
+        answer({"before": str(before), "after": str(after), **difference_plain(found)})
     raise typer.Exit(PASSED if found.at_least_as_good else NOT_PASSED)
 
 
@@ -86,10 +84,15 @@ def _print(found: Difference) -> None:
         same = [option.label for option in found.options if not option.changed]
         if same:
             screen.print(f"without a difference: {escape(', '.join(same))}")
-    verdict, colour = ("at least as good", "green") if found.at_least_as_good else ("NOT AS GOOD", "red")
-    if found.empty:
-        verdict = "no difference"
+    verdict, colour = _verdict(found)
     screen.print(f"[{colour}]{verdict}[/]: {_summary(found)}")
+
+
+def _verdict(found: Difference) -> tuple[str, str]:
+    """In two or three words, with their colour."""
+    if found.empty:
+        return "no difference", "green"
+    return ("at least as good", "green") if found.at_least_as_good else ("NOT AS GOOD", "red")
 
 
 def _print_scenario(screen: Console, found: Difference) -> None:

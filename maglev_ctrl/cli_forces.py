@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from maglev_ctrl.cli_terminal import console, progress
+from maglev_ctrl.cli_output import answer, manner, say_written
+from maglev_ctrl.cli_terminal import Jobs, OutFolder, ScenarioFile, console, progress
 
 if TYPE_CHECKING:
     from maglev_ctrl.study.force_survey import ForceSurvey
@@ -23,11 +24,9 @@ class AccuracyWord(StrEnum):
 
 
 def forces(
-    scenario: Annotated[Path, typer.Argument(metavar="SCENARIO", help="Scenario file (TOML).", show_default=False)],
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results.  [default: out/NAME]")
-    ] = None,
-    jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, max=256, help="Processes that share the work.")] = 2,
+    scenario: ScenarioFile,
+    out: OutFolder = None,
+    jobs: Jobs = 2,
     accuracy: Annotated[
         AccuracyWord | None, typer.Option("--accuracy", "-a", help="Of eddy-current forces, instead of the file's.")
     ] = None,
@@ -44,12 +43,33 @@ def forces(
     read = load(scenario)
     folder = out if out is not None else Path("out") / read.name
     require_writable(folder)
-    with progress(read.name, time_left=True) as tell:
+    with progress(read.name) as tell:
         found = survey(read, accuracy=None if accuracy is None else accuracy.value, jobs=jobs, progress=tell)
     paths = write_forces(found, folder)
     _print(found)
-    for path in paths:
-        typer.echo(f"written: {path}")
+    if manner().as_json:
+        answer(_body(found))
+    say_written(paths)
+
+
+def _body(found: ForceSurvey) -> dict[str, Any]:
+    """The design point in SI units; the grid stands in the files."""
+    from maglev_ctrl.report.force_survey import accuracy_words
+    from maglev_ctrl.report.serialise import plain
+
+    return {
+        "scenario": found.name, "title": found.title, "model": found.model, "scenario_hash": found.scenario_hash,
+        "height": _quantity(found.height, "m"), "gap": _quantity(found.gap, "m"),
+        "speed": _quantity(found.speed, "m/s"), "forces": plain(found.forces),
+        "drag_peak": _quantity(found.drag_peak, "m/s"), "heave_damping": _quantity(found.heave_damping, "N s/m"),
+        "heave_changes": _quantity(list(found.heave_changes), "m/s"), "torque": _quantity(found.torque, "N m"),
+        "relative_error": found.error, "facts": found.facts, "accuracy": accuracy_words(found),
+        "assumptions": found.assumptions,
+    }  # fmt: skip
+
+
+def _quantity(value: float | list[float] | None, unit: str) -> dict[str, Any] | None:
+    return None if value is None else {"value": value, "unit": unit}
 
 
 def _print(found: ForceSurvey) -> None:

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from maglev_ctrl.cli_terminal import console
+from maglev_ctrl.cli_output import answer, manner, say_quietly, say_written
+from maglev_ctrl.cli_terminal import NOT_PASSED, console
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,7 +27,6 @@ def identify(
     """Find m, c, k from forced oscillations, with 95 % intervals; says whether they are constant at all.
 
     Data are amplitude and phase over frequency, or displacement and force over time; several files are put together.
-    Exit status 1 where some m, c or k cannot be told.
     """
     from maglev_ctrl.errors import ScenarioError
     from maglev_ctrl.report.identification_values import Result
@@ -43,13 +43,22 @@ def identify(
         except ValueError as error:
             raise ScenarioError(f"{files[0]}: {series.force} by {series.motion}: {error}") from None
     _print(results)
+    for result in results:
+        say_quietly(f"{result.label}: {result.words()[0]}")
+    if manner().as_json:
+        import hashlib
+        import json
+
+        from maglev_ctrl.report.identification_values import to_json
+
+        digests = {str(file): hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
+        answer(json.loads(to_json(results, files=digests)))
     if out is not None:
         from maglev_ctrl.report.identification import write_identification
 
-        for path in write_identification(results, out, files=files):
-            typer.echo(f"written: {path}")
+        say_written(write_identification(results, out, files=files))
     if not all(result.identified for result in results):
-        raise typer.Exit(1)
+        raise typer.Exit(NOT_PASSED)
 
 
 def _by_frequency(result: Result) -> Table:

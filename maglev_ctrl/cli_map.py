@@ -9,11 +9,21 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from maglev_ctrl.cli_terminal import NOT_PASSED, Stopped, console, progress
+from maglev_ctrl.cli_output import answer, manner, say_quietly, say_written
+from maglev_ctrl.cli_terminal import (
+    NOT_PASSED,
+    Jobs,
+    Options,
+    OutFolder,
+    ScenarioFile,
+    Stopped,
+    console,
+    progress,
+)  # fmt: skip
 
 if TYPE_CHECKING:
     from maglev_ctrl.scenario import Scenario
-    from maglev_ctrl.study.map.records import MapStudy
+    from maglev_ctrl.study.map.records import MapStudy, OptionMap
     from maglev_ctrl.study.map.request import MapRequest
     from maglev_ctrl.study.map.store import MapFolder
 
@@ -38,20 +48,16 @@ class CoverageWord(StrEnum):
 
 
 def stability_map(
-    scenario: Annotated[Path, typer.Argument(metavar="SCENARIO", help="Scenario file (TOML).", show_default=False)],
+    scenario: ScenarioFile,
     x: Annotated[
         str | None, typer.Option("--x", metavar="Q=FROM:TO:COUNT", help="A quantity and its range.  [default: speed]")
     ] = None,
     y: Annotated[
         str | None, typer.Option("--y", metavar="Q=FROM:TO:COUNT", help="Another one.  [default: depth]")
     ] = None,
-    option: Annotated[
-        list[str] | None, typer.Option("--option", metavar="NAME", help="Only this option; may be repeated.")
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", metavar="DIR", help="Folder for the results.  [default: out/NAME]")
-    ] = None,
-    jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, max=256, help="Processes that share the work.")] = 2,
+    option: Options = None,
+    out: OutFolder = None,
+    jobs: Jobs = 2,
     yes: Annotated[bool, typer.Option("--yes", help="Compute maps of more than 20 million points.")] = False,
     backend: Annotated[BackendWord, typer.Option("--backend", help="What computes the multipliers.")] = (
         BackendWord.numpy
@@ -75,8 +81,7 @@ def stability_map(
     """Map where each option is stable over any two quantities, with every resonance tongue named.
 
     Writes map.html, map.pdf, map.nc, map.json and ranges.csv. An interrupted map goes on where it was when the same
-    command is given again. Exit status: 0 the maps are made, 1 an option has no map or its map has UNRESOLVED points,
-    2 wrong input.
+    command is given again.
     """
     from maglev_ctrl.scenario import load
 
@@ -109,7 +114,7 @@ def _map_and_write(read: Scenario, request: MapRequest, folder: Path, kept: MapF
     from maglev_ctrl.study.map.run import survey_map
 
     try:
-        with progress(read.name, time_left=True) as tell:
+        with progress(read.name) as tell:
             study = survey_map(read, request, jobs=jobs, progress=tell, store_folder=folder)
         paths = write_map(study, folder)
     except KeyboardInterrupt:
@@ -119,8 +124,15 @@ def _map_and_write(read: Scenario, request: MapRequest, folder: Path, kept: MapF
     try:
         kept.remove()
         _print(study)
-        for path in paths:
-            typer.echo(f"written: {path}")
+        for option in study.options:
+            say_quietly(f"{option.label}: {_in_short(option)}")
+        if manner().as_json:
+            import json
+
+            from maglev_ctrl.report.map.data import json_text
+
+            answer(json.loads(json_text(study)))
+        say_written(paths)
     except Stopped as stop:
         raise Stopped(stop.status, f"interrupted; the maps were written: {folder}") from None
     raise typer.Exit(_exit_code(study))
@@ -132,6 +144,16 @@ def _interrupted(stop: Stopped, kept: MapFolder) -> Stopped:
         return stop
     share = f"{100.0 * kept.reached():.0f} %"
     return Stopped(stop.status, f"interrupted; {share} is kept in {kept.root}; the same command goes on from there")
+
+
+def _in_short(option: OptionMap) -> str:
+    """One option's map in a line."""
+    from maglev_ctrl.analysis.plane_records import UNRESOLVED, UNSTABLE
+
+    if option.plane is None:
+        return option.failure or "no map"
+    doubt = option.plane.share(UNRESOLVED)
+    return f"unstable {100.0 * option.plane.share(UNSTABLE):.4g} %, UNRESOLVED {100.0 * doubt:.4g} %"
 
 
 def _exit_code(study: MapStudy) -> int:
@@ -172,13 +194,19 @@ def _print_quantities(read: Scenario) -> None:
     from maglev_ctrl.scenario.quantity_paths import DEPTH, display_unit, scenario_quantities
 
     table = Table("quantity", "own value", "what it is")
-    for quantity in scenario_quantities(read):
+    found = scenario_quantities(read)
+    for quantity in found:
         unit, scale = display_unit(quantity, quantity.value)
         value = f"{quantity.value * scale:.6g} {unit}".rstrip()
         if math.isnan(quantity.value):
             value = "from the sources" if quantity.name == DEPTH else "not set"
         table.add_row(escape(quantity.name), value, escape(quantity.label))
     console().print(table)
+    for quantity in found:
+        say_quietly(quantity.name)
+    answer({
+        "quantities": [{"name": one.name, "label": one.label, "unit": one.unit, "value": one.value} for one in found]
+    })  # fmt: skip
 
 
 def _print(study: MapStudy) -> None:

@@ -8,22 +8,20 @@ from typing import Annotated
 
 import typer
 
-from maglev_ctrl.cli_terminal import progress
-
-ALL_RESOLVED, SOMETHING_UNRESOLVED = 0, 1
+from maglev_ctrl.cli_output import answer, manner, say, say_written
+from maglev_ctrl.cli_terminal import NOT_PASSED, PASSED, Jobs, progress
 
 
 def reproduce(
     out: Annotated[
         Path, typer.Option("--out", "-o", metavar="DIR", help="Folder for the page, its JSON and its data.")
     ] = Path("out/reproduction"),
-    jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, max=256, help="Processes that share the work.")] = 2,
+    jobs: Jobs = 2,
     quick: Annotated[bool, typer.Option("--quick", help="Leave the sensitivity to the assumptions out.")] = False,
 ) -> None:
     """Compute every figure and table of the paper from geometry alone and judge every claim.
 
     Writes reproduction.html, reproduction.json and reproduction_data/*.csv, which replace earlier ones as a whole.
-    Exit status 1 when a claim stays UNRESOLVED: two ways to its numbers disagree.
     """
     from maglev_ctrl.report.folder import require_writable
     from maglev_ctrl.report.paper.files import write_reproduction
@@ -35,15 +33,18 @@ def reproduce(
     with progress("reproduce") as tell:
         found = run(eddy_current, quick=quick, jobs=jobs, progress=tell)
     paths = write_reproduction(found, out)
+    if manner().as_json:
+        from maglev_ctrl.report.serialise import plain
+
+        answer({"claims": plain(found.claims), "notes": list(found.notes), "quick": found.quick})
     counts = Counter(claim.verdict for claim in found.claims)
     for verdict in ClaimVerdict:
         if counts[verdict]:
-            typer.echo(f"{counts[verdict]:3d}  {verdict.value}")
+            say(f"{counts[verdict]:3d}  {verdict.value}")
     for claim in found.claims:
         if claim.verdict is ClaimVerdict.UNRESOLVED:
-            typer.echo(f"UNRESOLVED: {claim.key}: {claim.why}")
+            say(f"UNRESOLVED: {claim.key}: {claim.why}")
     for note in found.notes:
-        typer.echo(note)
-    for path in paths:
-        typer.echo(f"written: {path}")
-    raise typer.Exit(SOMETHING_UNRESOLVED if counts[ClaimVerdict.UNRESOLVED] else ALL_RESOLVED)
+        say(note)
+    say_written(paths)
+    raise typer.Exit(NOT_PASSED if counts[ClaimVerdict.UNRESOLVED] else PASSED)

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from maglev_ctrl.cli_terminal import NOT_PASSED, PASSED, Stopped, console, progress
+from maglev_ctrl.cli_output import answer, manner, say_quietly, say_written
+from maglev_ctrl.cli_terminal import NOT_PASSED, PASSED, Jobs, ScenarioFile, Stopped, console, progress
 
 if TYPE_CHECKING:
     from maglev_ctrl.scenario import Scenario
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def simulate(
-    scenario: Annotated[Path, typer.Argument(metavar="SCENARIO", help="Scenario file (TOML).", show_default=False)],
+    scenario: ScenarioFile,
     option: Annotated[
         str | None, typer.Option("--option", metavar="NAME", help="Which option; needed where there are several.")
     ] = None,
@@ -24,9 +25,12 @@ def simulate(
         str | None, typer.Option("--duration", metavar="TIME", help='Of one run, e.g. "20 s".  [default: the file\'s]')
     ] = None,
     runs: Annotated[
-        int | None, typer.Option("--runs", min=2, max=200, help="How many guideways.  [default: the file's]")
+        int | None,
+        typer.Option("--runs", metavar="N", min=2, max=200, help="How many guideways.  [default: the file's]"),
     ] = None,
-    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Of the first.  [default: the file's]")] = None,
+    seed: Annotated[
+        int | None, typer.Option("--seed", metavar="N", min=0, help="Of the first.  [default: the file's]")
+    ] = None,
     speed: Annotated[
         str | None, typer.Option("--speed", metavar="SPEED", help='E.g. "400 km/h".  [default: the design speed]')
     ] = None,
@@ -41,13 +45,12 @@ def simulate(
         Path | None,
         typer.Option("--out", "-o", metavar="DIR", help="Folder for the results.  [default: out/NAME/simulate_OPTION]"),
     ] = None,
-    jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, max=256, help="Processes for force maps.")] = 2,
+    jobs: Jobs = 2,
 ) -> None:
     """Simulate one option with its full force map and hold the linear theory against it.
 
     Writes simulation.html, simulation.pdf, simulation.json and trajectory.nc. A contact is a result: when, which
-    magnet, how fast. Exit status: 0 nothing touched and linear and nonlinear agree, 1 something touched, ended early
-    or does not agree, 2 wrong input.
+    magnet, how fast.
     """
     from maglev_ctrl.errors import ScenarioError
     from maglev_ctrl.report.folder import require_writable
@@ -79,8 +82,14 @@ def simulate(
     except KeyboardInterrupt:
         raise Stopped() from None
     _print(study)
-    for path in paths:
-        typer.echo(f"written: {path}")
+    say_quietly(_verdict(study))
+    if manner().as_json:
+        import json
+
+        from maglev_ctrl.report.simulation.folder import json_text
+
+        answer(json.loads(json_text(study)))
+    say_written(paths)
     raise typer.Exit(PASSED if study.verdict.value == "PASS" else NOT_PASSED)
 
 
@@ -110,11 +119,15 @@ def _value(name: str, read: object, text: str) -> float:
         raise ValueError(f"{name}: {error}") from None
 
 
+def _verdict(study: SimulationStudy) -> str:
+    from maglev_ctrl.report.simulation.folder import verdict_words
+
+    return verdict_words(study)
+
+
 def _print(study: SimulationStudy) -> None:
     from rich.markup import escape
     from rich.table import Table
-
-    from maglev_ctrl.report.simulation.folder import verdict_words
 
     screen = console()
     screen.print(f"[bold]{escape(study.title)}: {escape(study.label)}[/]")
@@ -130,4 +143,4 @@ def _print(study: SimulationStudy) -> None:
     for event in study.study.events:
         speed = "" if event.value != event.value else f" at {event.value:.3g} m/s"
         screen.print(f"run {event.run + 1}, {event.time:.4g} s: {event.kind} of {escape(event.element)}{speed}")
-    screen.print(escape(verdict_words(study)))
+    screen.print(escape(_verdict(study)))

@@ -77,7 +77,7 @@ def test_report(
 
 
 def test_a_reason_shared_by_requirements_is_told_once() -> None:
-    from maglev_ctrl.cli import _why
+    from maglev_ctrl.cli_report import _why
 
     def missed(name: str, reason: str) -> SimpleNamespace:
         return SimpleNamespace(name=name, verdict=Verdict.NOT_EVALUATED, reason=reason, hard=True)
