@@ -1,0 +1,96 @@
+"""The views of a page in its document: shown together, each in the place the page's HTML gives it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from maglev_ctrl.workbench.style import dress, theme_switch
+from maglev_ctrl.workbench.views.comparison import ComparisonView
+from maglev_ctrl.workbench.views.cursor import Cursor
+from maglev_ctrl.workbench.views.eigenvalues import EigenvalueView
+from maglev_ctrl.workbench.views.ledger import LedgerView
+from maglev_ctrl.workbench.views.map import MapView
+from maglev_ctrl.workbench.views.margins import MarginsView
+from maglev_ctrl.workbench.views.shape import ShapeView
+
+if TYPE_CHECKING:
+    from maglev_ctrl.study.live.records import LiveComparison, LiveView
+
+PLACE = "place:"
+"""How the tag of a root begins that says which place of the page is its own."""
+
+
+class Arrangement:
+    """Every view of one page, put into its document.
+
+    Parameters
+    ----------
+    bridge : further model of the document, without a place of its own
+    """
+
+    def __init__(self, document: Any, bridge: Any) -> None:
+        cursor = Cursor()
+        self._document, self._cursor = document, cursor
+        self._view: LiveView | None = None
+        self._comparison: LiveComparison | None = None
+        self._live = {
+            "eigenvalues": EigenvalueView(cursor), "map": MapView(cursor), "ledger": LedgerView(cursor),
+            "shape": ShapeView(cursor), "margins": MarginsView(),
+        }  # fmt: skip
+        self._compared = ComparisonView()
+        figures = [figure for view in (*self._live.values(), self._compared) for figure in view.figures]
+        for figure in figures:
+            dress(figure, False)
+        for place, view in (*self._live.items(), ("comparison", self._compared)):
+            view.root.tags = [*view.root.tags, PLACE + place]
+            document.add_root(view.root)  # in the order of the places: Bokeh counts roots
+        switch = theme_switch(figures)
+        switch.name = "theme-switch"
+        for model in (cursor.source, bridge, switch):
+            document.add_root(model)
+        if hasattr(document.config, "notify_connection_status"):  # the page tells it by itself, and loads itself again
+            document.config.notify_connection_status = document.config.reconnect_session = False
+
+    def show(self, view: LiveView) -> None:
+        """Draw a view in every figure, in one go."""
+        self._view = view
+        self._document.hold("combine")
+        try:
+            self._cursor.move(speed=view.speed, depth=view.depth)
+            for one in self._live.values():
+                one.show(view)
+        finally:
+            self._document.unhold()
+
+    def compare(self, comparison: LiveComparison) -> None:
+        """Draw the comparison of the options."""
+        self._comparison = comparison
+        self._document.hold("combine")
+        try:
+            self._compared.show(comparison, "" if self._view is None else self._view.option)
+        finally:
+            self._document.unhold()
+
+    def clear(self, reason: str) -> None:
+        """Nothing to show, and why."""
+        self._view = self._comparison = None
+        self._document.hold("combine")
+        try:
+            for one in (*self._live.values(), self._compared):
+                one.clear(reason)
+        finally:
+            self._document.unhold()
+
+    def file(self, which: str, kind: str) -> bytes:
+        """A view as a file to download.
+
+        Raises
+        ------
+        ValueError : in words, why there is none
+        """
+        from maglev_ctrl.workbench.views.downloads import figure_files
+
+        shown = self._comparison if which == "comparison" else self._view
+        if shown is None:
+            raise ValueError("nothing is shown there yet")
+        return figure_files(shown, which, kind)
