@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from maglev_ctrl.analysis.modes import Modes
 from maglev_ctrl.arrays import ComplexArray, FloatArray
 from maglev_ctrl.report.chart import Axis, Bars, Chart, Item, Line, Marks, Note, Panel, Rule, Span
 from maglev_ctrl.report.groups import ledger_groups
@@ -84,7 +87,7 @@ def _sweep_chart(option: OptionStudy, sweep: Sweep, *, design: float) -> Chart:
         damping.append(Line(x, np.where(oscillates, -100.0 * s[:, k].real / size, np.nan), name, tint, style))
     bounds, missing = _boundaries(sweep), _missing(sweep)
     at_design = Rule("x", design * sweep.scale, DESIGN_LINE, INK, "dot", 1.0)
-    window_growth = _window(s[:, shown])
+    window_growth = growth_window(s[:, shown])
     window_damping = _damping_window(damping)
     growth.append(Span("y", 0.0, window_growth[1], FAIL_COLOUR, 0.10, label="unstable"))
     damping.append(Span("y", window_damping[0], 0.0, FAIL_COLOUR, 0.10, label="unstable"))
@@ -136,8 +139,15 @@ def worth_drawing(size: FloatArray, light: FloatArray) -> NDArray[np.bool_]:
     return np.asarray(lively | (size <= reach), dtype=bool)
 
 
-def _window(s: ComplexArray) -> tuple[float, float]:
-    """Growth-rate axis that keeps the instability readable beside strongly damped modes."""
+def growth_window(s: ComplexArray) -> tuple[float, float]:
+    """Growth-rate axis (1/s) that keeps the instability readable beside strongly damped modes.
+
+    Examples
+    --------
+    >>> low, high = growth_window(np.array([-0.5 + 9j, 0.2 + 7j, -80.0 + 1j]))
+    >>> low > -1.0, high > 0.2
+    (True, True)
+    """
     with np.errstate(invalid="ignore"):
         slow = s.real[s.real > -0.3 * np.abs(s)]
     known = slow if slow.size else s.real[np.isfinite(s.real)]
@@ -261,10 +271,14 @@ def _locus_window(s: ComplexArray) -> tuple[tuple[tuple[float, float], tuple[flo
 
 def energy_ledger(option: OptionStudy) -> Chart | None:
     """What feeds and what damps each mode, element by element; None when there are no modes."""
-    modes, system = option.modes, option.system
-    if modes is None or system is None:
+    if option.modes is None or option.system is None:
         return None
-    groups = ledger_groups(system, modes.ledger)
+    groups = ledger_groups(option.system, option.modes.ledger)
+    return ledger_chart(option.modes, groups, f"{option.label} at the design point", key=option.name)
+
+
+def ledger_chart(modes: Modes, groups: Mapping[str, list[int]], label: str, *, key: str) -> Chart | None:
+    """The same for modes on their own; `groups` says which elements are told together, by their places."""
     modulus = np.abs(modes.s)
     shown = worth_drawing(modulus, modes.s.real / np.maximum(modulus, 1e-300))
     split = [
@@ -297,11 +311,11 @@ def energy_ledger(option: OptionStudy) -> Chart | None:
         )
     items.append(Rule("x", 0.0, "", INK, "solid", 0.8))
     return Chart(
-        key=f"{option.name}-ledger",
-        caption=f"Energy ledger of {option.label} at the design point: what each element adds to a mode's growth rate, "
+        key=f"{key}-ledger",
+        caption=f"Energy ledger of {label}: what each element adds to a mode's growth rate, "
         "through damping (plain) and through circulatory, non-symmetric stiffness (hatched). Bars to the right feed "
         "the mode, bars to the left damp it; each row is scaled to its own largest sum, the diamond is the total.",
-        alt=f"Energy ledger of {option.label}: " + "; ".join(row.replace("\n", ", ") for row in rows),
+        alt=f"Energy ledger of {label}: " + "; ".join(row.replace("\n", ", ") for row in rows),
         panels=(
             Panel(
                 tuple(items),

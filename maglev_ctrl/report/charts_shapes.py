@@ -10,7 +10,19 @@ from maglev_ctrl.analysis.modes import Modes
 from maglev_ctrl.arrays import ComplexArray, FloatArray
 from maglev_ctrl.report.chart import Area, Axis, Chart, Item, Line, Panel
 from maglev_ctrl.report.charts_modes import worth_drawing
-from maglev_ctrl.report.geometry import AXES, Box, View, best_view, boxes, corners, displacement, motion
+from maglev_ctrl.report.geometry import (
+    AXES,
+    Box,
+    View,
+    at_largest,
+    best_view,
+    bounds,
+    boxes,
+    corners,
+    displacement,
+    metre,
+    motion,
+)
 from maglev_ctrl.report.style import FADED, INK, colour, number
 from maglev_ctrl.study.records import OptionStudy
 from maglev_ctrl.vehicle import Vehicle
@@ -62,12 +74,12 @@ def _title(modes: Modes, k: int) -> str:
 def _panel(vehicle: Vehicle, modes: Modes, outline: tuple[Box, ...], k: int) -> Panel:
     shape = modes.shapes[:, k]
     view = best_view(vehicle, outline, shape)
-    shape = _at_largest(vehicle, outline, shape, view)
+    shape = at_largest(vehicle, outline, shape, view)
     first, second = AXES[view]
-    low, high = _bounds(outline)
+    low, high = bounds(outline)
     span = high - low
     scale = np.zeros(3)
-    scale[first], scale[second] = 0.05 * span[first], 0.16 * max(span[second], _metre(low, high))
+    scale[first], scale[second] = 0.05 * span[first], 0.16 * max(span[second], metre(low, high))
     items: list[Item] = [_rail(low, high, view)] if view != "top" else []
     for i, box in enumerate(outline):
         at_rest = corners(box, view)
@@ -77,7 +89,7 @@ def _panel(vehicle: Vehicle, modes: Modes, outline: tuple[Box, ...], k: int) -> 
         if np.max(np.abs(moved.imag)) > 0.05:
             items.append(Area(later[:, first], later[:, second], edge=INK, dash="dot", width=0.7))
         items.append(Area(now[:, first], now[:, second], fill=colour(i + 1), opacity=0.35, edge=colour(i + 1)))
-        items.extend(_magnets(vehicle, box, shape, view, scale, 0.35 * _metre(low, high)))
+        items.extend(_magnets(vehicle, box, shape, view, scale, 0.35 * metre(low, high)))
     margin = 0.06 * span
     names = _AXIS_NAMES[view]
     title = "\n".join([textwrap.shorten(modes.labels[k], 44, placeholder=" ..."), _title(modes, k).rsplit(": ", 1)[1]])
@@ -90,25 +102,14 @@ def _panel(vehicle: Vehicle, modes: Modes, outline: tuple[Box, ...], k: int) -> 
 
 
 def _vertical(low: FloatArray, high: FloatArray, axis: int, view: View) -> tuple[float, float]:
-    room = 0.2 * max(float(high[axis] - low[axis]), _metre(low, high))
-    return float(low[axis]) - room - (0.9 * _metre(low, high) if view != "top" else 0.0), float(high[axis]) + room
-
-
-def _metre(low: FloatArray, high: FloatArray) -> float:
-    """The unit of schematic sizes: a metre, or less for a vehicle of a metre or less."""
-    return min(1.0, 0.5 * float(np.max(high - low)))
-
-
-def _bounds(outline: tuple[Box, ...]) -> tuple[FloatArray, FloatArray]:
-    low = np.min([box.centre - box.half for box in outline], axis=0)
-    high = np.max([box.centre + box.half for box in outline], axis=0)
-    return np.asarray(low), np.asarray(high)
+    room = 0.2 * max(float(high[axis] - low[axis]), metre(low, high))
+    return float(low[axis]) - room - (0.9 * metre(low, high) if view != "top" else 0.0), float(high[axis]) + room
 
 
 def _rail(low: FloatArray, high: FloatArray, view: View) -> Line:
     first, second = AXES[view]
     margin = 0.06 * (high[first] - low[first])
-    level = low[second] - 0.9 * _metre(low, high)
+    level = low[second] - 0.9 * metre(low, high)
     return Line(
         np.array([low[first] - margin, high[first] + margin]), np.array([level, level]), "", colour=INK, width=1.8
     )  # fmt: skip
@@ -128,12 +129,3 @@ def _magnets(
     x = np.column_stack([moved[:, first], moved[:, first], np.full(points.size, np.nan)]).ravel()
     y = np.column_stack([moved[:, second], moved[:, second] - length, np.full(points.size, np.nan)]).ravel()
     return [Line(x, y, "", colour=INK, width=1.6)]
-
-
-def _at_largest(vehicle: Vehicle, outline: tuple[Box, ...], shape: ComplexArray, view: View) -> ComplexArray:
-    """The shape scaled to largest corner displacement 1 and turned in phase so that its real part is largest."""
-    moved = np.concatenate([displacement(b, corners(b, view), motion(vehicle, shape, b.body)) for b in outline])
-    seen = moved[:, list(AXES[view])].ravel()
-    size = float(np.max(np.abs(seen))) or 1.0
-    turn = np.exp(-0.5j * np.angle(np.sum(seen**2)))
-    return np.asarray(shape * turn / size)

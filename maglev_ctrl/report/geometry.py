@@ -104,3 +104,24 @@ def best_view(vehicle: Vehicle, outline: tuple[Box, ...], shape: ComplexArray) -
         seen[view] = total
     best = max(seen, key=lambda view: seen[view])
     return best if seen[best] > 1.2 * seen["side"] else "side"
+
+
+def bounds(outline: tuple[Box, ...]) -> tuple[FloatArray, FloatArray]:
+    """Lowest and highest coordinates (3,) of all boxes, m."""
+    low = np.min([box.centre - box.half for box in outline], axis=0)
+    high = np.max([box.centre + box.half for box in outline], axis=0)
+    return np.asarray(low), np.asarray(high)
+
+
+def metre(low: FloatArray, high: FloatArray) -> float:
+    """The unit of schematic sizes: a metre, or less for a vehicle of a metre or less."""
+    return min(1.0, 0.5 * float(np.max(high - low)))
+
+
+def at_largest(vehicle: Vehicle, outline: tuple[Box, ...], shape: ComplexArray, view: View) -> ComplexArray:
+    """The shape scaled to largest corner displacement 1 and turned in phase so that its real part is largest."""
+    moved = np.concatenate([displacement(b, corners(b, view), motion(vehicle, shape, b.body)) for b in outline])
+    seen = moved[:, list(AXES[view])].ravel()
+    size = float(np.max(np.abs(seen))) or 1.0
+    turn = np.exp(-0.5j * np.angle(np.sum(seen**2)))
+    return np.asarray(shape * turn / size)

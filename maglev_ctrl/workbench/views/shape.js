@@ -1,0 +1,93 @@
+// One frame after the other of the picked mode. Every call only wakes the loop; there is one loop per figure.
+const CYCLE = 1600 // ms that one oscillation takes on the page, whatever its frequency
+const CYCLES = 3 // after which growth or decay starts over
+const FRAME = 33 // ms between frames
+const KINDS = {1: magnet, 2: spring, 3: actuator}
+
+const state = points.swing ?? (points.swing = {
+  turning: false, started: 0, held: 0, last: 0, mode: -1, data: null, parts: [], asked: false, seen: true,
+})
+if (!state.asked) {
+  state.asked = true
+  const less = window.matchMedia?.("(prefers-reduced-motion: reduce)")
+  if (less?.matches && play.active) play.active = false
+  document.addEventListener("visibilitychange", () => wake())
+}
+
+// The points of the picked mode, gathered part by part; anew for every mode and every answer of the server.
+function gather() {
+  const mode = Number(cursor.data.mode[0])
+  if (state.mode === mode && state.data === points.data && state.rows === modes.data) return
+  state.mode = mode; state.data = points.data; state.rows = modes.data
+  const at = points.data
+  const parts = []
+  let last = -1
+  for (let i = 0; i < at.mode.length; i++) {
+    if (at.mode[i] !== mode) continue
+    if (at.part[i] !== last) { parts.push({kind: at.kind[i], colour: at.colour[i], from: i, to: i}); last = at.part[i] }
+    parts[parts.length - 1].to = i + 1
+  }
+  state.parts = parts
+  const own = modes.data
+  const known = mode >= 0 && mode < own.left.length
+  rail.data = known && Number.isFinite(own.level[mode])
+    ? {x: [own.left[mode], own.right[mode]], y: [own.level[mode], own.level[mode]]} : {x: [], y: []}
+  names.data = known ? {x: [...own.names_x[mode]], y: [...own.names_y[mode]], text: [...own.names[mode]]}
+    : {x: [], y: [], text: []}
+  const rest = parts.filter((part) => part.kind === 0)
+  const around = (part, column) => [...at[column].slice(part.from, part.to), at[column][part.from]]
+  still.data = {xs: rest.map((part) => around(part, "x")), ys: rest.map((part) => around(part, "y"))}
+  if (!known) { words.visible = true; return }
+  x_range.setv({start: own.left[mode], end: own.right[mode]})
+  y_range.setv({start: own.bottom[mode], end: own.top[mode]})
+  figure.title.text = own.title[mode]
+  axis.axis_label = own.axis[mode]
+  words.text = own.words[mode]
+}
+
+function draw(time) {
+  const mode = state.mode
+  const at = points.data
+  const own = modes.data
+  const turns = time / CYCLE
+  const round = turns % CYCLES
+  let size = amplitude.value
+  if (grow.active && mode >= 0 && mode < own.cycle.length) {
+    // Growth begins small and decay begins large, so that neither leaves the window.
+    size *= Math.pow(own.cycle[mode], own.cycle[mode] > 1 ? round - CYCLES : round)
+  }
+  const phase = 2 * Math.PI * turns
+  const swinging = mode >= 0 && own.swings[mode] === 1
+  const real = size * (swinging || !grow.active ? Math.cos(phase) : 1)
+  const imaginary = swinging ? -size * Math.sin(phase) : 0
+  const x = (i) => at.x[i] + real * at.x_re[i] + imaginary * at.x_im[i]
+  const y = (i) => at.y[i] + real * at.y_re[i] + imaginary * at.y_im[i]
+  const faces = {xs: [], ys: [], colour: []}
+  const strokes = {1: {x: [], y: []}, 2: {x: [], y: []}, 3: {x: [], y: []}}
+  for (const part of state.parts) {
+    const across = [], up = []
+    for (let i = part.from; i < part.to; i++) { across.push(x(i)); up.push(y(i)) }
+    if (part.kind === 0) { faces.xs.push(across); faces.ys.push(up); faces.colour.push(part.colour) }
+    else { strokes[part.kind].x.push(...across, NaN); strokes[part.kind].y.push(...up, NaN) }
+  }
+  boxes.setv({data: faces}, {sync: false})
+  for (const [kind, source] of Object.entries(KINDS)) source.setv({data: strokes[kind]}, {sync: false})
+}
+
+function turn(now) {
+  if (!play.active || document.hidden) { state.turning = false; state.held = now - state.started; return }
+  if (now - state.last >= FRAME) { state.last = now; draw(now - state.started) }
+  requestAnimationFrame(turn)
+}
+
+function wake() {
+  gather()
+  play.setv({label: play.active ? "Pause" : "Play"}, {sync: false})
+  if (state.turning) return
+  if (!play.active || document.hidden) { draw(state.held); return }
+  state.turning = true
+  state.started = performance.now() - state.held
+  requestAnimationFrame(turn)
+}
+
+wake()
