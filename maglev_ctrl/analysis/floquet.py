@@ -8,12 +8,14 @@ second has to agree, or the result says UNRESOLVED.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.sparse.csgraph import connected_components
 
 from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only_any
+from maglev_ctrl.display import Shown
 from maglev_ctrl.errors import Agreement
 from maglev_ctrl.kernels import (
     TaylorPlan,
@@ -44,13 +46,15 @@ class EngineRecord:
     converged: bool
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Floquet:
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class Floquet(Shown):
     """Floquet analysis of x' = A(t) x with period `period` (s).
 
     `exponents` (n,) 1/s, largest growth first, imaginary parts within -W/2..W/2; `multipliers` (n,) = exp(exponent
     period); `error_bound` (n,) 1/s on the modulus of the error of each exponent; `engines`: time domain, then Hill.
     """
+
+    _told: ClassVar = ("growth_rate", "growth_error", "spectral_radius", "stable", "agreement", "period")
 
     multipliers: ComplexArray
     exponents: ComplexArray

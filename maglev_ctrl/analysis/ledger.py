@@ -14,10 +14,12 @@ internal states (a damper's lag, an actuator with its controller). No approximat
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only_any, transpose
+from maglev_ctrl.display import Shown
 from maglev_ctrl.errors import ModelError
 from maglev_ctrl.systems import SecondOrderSystem
 
@@ -25,8 +27,8 @@ RESOLVED = 1e-10  # shares are given only where rounding leaves the sum this acc
 ROUNDOFF = float(np.finfo(np.float64).eps)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Ledger:
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class Ledger(Shown):
     """Growth rate of each mode, element by element: growth = sum over elements of damping + circulatory.
 
     `damping`, `circulatory` (e, m) and `growth` (m,) in 1/s; `residual` (m,) = growth minus the sum of the shares,
@@ -35,6 +37,8 @@ class Ledger:
     = Re a^H (K_e a - F_e xi), the generalised stiffness per element for the shape with largest entry 1 (N/m or
     N m/rad); its negative entries are what drives a divergence.
     """
+
+    _told: ClassVar = ("elements", "growth")
 
     elements: tuple[str, ...]
     damping: FloatArray

@@ -6,6 +6,7 @@ One loop at a time (the others closed) and all loops at once. Nothing is compute
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -16,14 +17,15 @@ from maglev_ctrl.analysis.loops import Loop
 from maglev_ctrl.analysis.replay import Factor, all_nominal, reaches_axis
 from maglev_ctrl.analysis.stability_gate import ClosedLoop, close
 from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only_any
+from maglev_ctrl.display import Shown
 
 _JUST_BEFORE = 1e-4
 _HUGE = 1e9
 _NEVER_UNITY = "the gain of the loop never equals one"
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class MarginValue:
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class MarginValue(Shown):
     """One margin: its value, where it is reached (rad/s), whether a replay confirmed it, and why if it did not.
 
     NaN means UNRESOLVED; inf (or a gain reduction of 0) means unlimited; `reason` says why in both cases.
@@ -46,8 +48,8 @@ class MarginValue:
         return float(20.0 * np.log10(self.value)) if self.value > 0.0 else (-np.inf if self.value == 0.0 else np.nan)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class ChannelMargins:
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class ChannelMargins(Shown):
     """Margins of one channel with all others closed.
 
     gain_reduction, gain_increase : factors; the loop stays stable for every factor between them
@@ -59,6 +61,8 @@ class ChannelMargins:
     gain_crossovers : (k, 3) phase lag in degrees (0..360), delay in s, frequency in rad/s
     searches_agree : the eigenvalue method and the sign-change search found the same crossovers
     """
+
+    _told: ClassVar = ("channel", "verified", "searches_agree")
 
     channel: str
     gain_reduction: MarginValue
@@ -91,13 +95,15 @@ class ChannelMargins:
         )  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Margins:
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class Margins(Shown):
     """All margins of a loop: one channel at a time, and all channels at once.
 
     `sensitivity_peak` and `complementary_peak` are largest singular values of S and T; with several channels they
     depend on the channels' units, `multi_loop` does not.
     """
+
+    _told: ClassVar = ("channels", "verified", "sigma")
 
     channels: tuple[ChannelMargins, ...]
     multi_loop: DiskMargin

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from enum import Enum
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,6 +17,7 @@ from maglev_ctrl.analysis.hurwitz import InertiaCertificate, lyapunov_inertia
 from maglev_ctrl.analysis.ledger import Ledger, energy_ledger
 from maglev_ctrl.analysis.spectrum import Spectrum, system_spectrum
 from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only_any
+from maglev_ctrl.display import Shown
 from maglev_ctrl.errors import Agreement
 from maglev_ctrl.systems import Contribution, SecondOrderSystem
 
@@ -42,8 +43,8 @@ class StabilityVerdict(Enum):
     UNRESOLVED = "unresolved: the growth rate is within its error bound, or the second method does not confirm it"
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Modes:
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class Modes(Shown):
     """Modes of one system, one per conjugate pair (Im s >= 0) and one per real eigenvalue, by rising frequency.
 
     `s` (m,) complex 1/s; `states`, `left` (nx, m) right and left eigenvectors, left^H states = 1 unless defective;
@@ -52,6 +53,8 @@ class Modes:
     zero for a mode of internal states alone); `error_bound` (m,) 1/s on |s|; `certificate` the Lyapunov inertia
     behind `verdict`; `state_matrix` (nx, nx) the modes are of.
     """
+
+    _told: ClassVar = ("labels", "verdict", "spectral_abscissa")
 
     s: ComplexArray
     states: ComplexArray

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final, Literal, Protocol
+from typing import ClassVar, Final, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maglev_ctrl.analysis.resonance import Resonance
 from maglev_ctrl.arrays import FloatArray
+from maglev_ctrl.display import Shown
 from maglev_ctrl.systems import PeriodicSystem
 
 Coverage = Literal["auto", "every", "adaptive"]
@@ -52,8 +53,8 @@ class MapAxis:
     linear: bool = False
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class StabilityPlane:
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class StabilityPlane(Shown):
     """Stability over `x` (p,) and `y` (q,).
 
     `state` (p, q): STABLE, UNSTABLE, UNRESOLVED (the engines or the error bound do not decide) or NO_ANSWER (the
@@ -63,6 +64,8 @@ class StabilityPlane:
     Hill's method, `check_difference` (k,) 1/s. `evaluated`: points computed, `integrated`: systems integrated over a
     period. `missed_width`: an unstable strip along x narrower than this (in x) may be missing; NaN where not bounded.
     """
+
+    _told: ClassVar = ("x", "y", "growth", "evaluated", "tongues")
 
     x: MapAxis
     y: MapAxis

@@ -8,6 +8,7 @@ says they are.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from maglev_ctrl.analysis.region_naming import HILL_AGREEMENT, check_points, hil
 from maglev_ctrl.analysis.resonance import Resonance
 from maglev_ctrl.analysis.resonance_seeds import SeededTongue, SeedInput, seed_tongues
 from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only, read_only_any
+from maglev_ctrl.display import Shown
 
 __all__ = [
     "CriticalDepth",
@@ -36,8 +38,8 @@ __all__ = [
 ]
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class ResonanceMap:
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class ResonanceMap(Shown):
     """Stability over `parameter` (V,) and `depths` (E,).
 
     `spectral_radius`, `growth_rate` (1/s), `unstable`, `unresolved`, `tongue_index` are (V, E); `tongue_index` is -1
@@ -45,6 +47,8 @@ class ResonanceMap:
     column. `checked` (K, 2) are the points compared with Hill's method, `check_difference` (K,) 1/s the differences;
     a column with a point that disagrees is `unresolved`. `seeded` are the tongues sought between columns.
     """
+
+    _told: ClassVar = ("parameter_name", "parameter", "depths", "growth_rate", "tongues")
 
     parameter_name: str
     parameter: FloatArray

@@ -10,13 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 
-from maglev_ctrl.analysis.modes import ModeKind, Modes, modes_of_stack, unique_labels
+from maglev_ctrl.analysis.modes import ModeKind, modes_of_stack, unique_labels
 from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only_any
+from maglev_ctrl.display import Shown
 from maglev_ctrl.systems import SecondOrderSystem
 
 DISTANCE_WEIGHT = 0.7  # of the eigenvalue's distance against the shape's (1 - criterion)
@@ -25,8 +27,8 @@ COINCIDENT = 1e-6  # of |s|: closer eigenvalues have no vectors of their own
 HALF_PLANE_BIAS = 1e-3  # when two real roots join, the line that came from Im s > 0 goes back there
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class ModeTracks:
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class ModeTracks(Shown):
     """Lines of modes over a parameter.
 
     `parameter` (p,); `s` (p, m) 1/s, NaN where a line is the mirror image of another one (a pair that later splits
@@ -35,12 +37,42 @@ class ModeTracks:
     which mode of the point it is, -1 where s is NaN.
     """
 
+    _told: ClassVar = ("labels", "parameter", "s")
+
     parameter: FloatArray
     s: ComplexArray
     labels: tuple[str, ...]
     kinds: tuple[tuple[ModeKind | None, ...], ...]
     confidence: FloatArray
     index: NDArray[np.int64]
+
+
+class TrackedPoint(Protocol):
+    """What lines are drawn through at one point: `Modes`, or the part of them that tracking reads."""
+
+    @property
+    def s(self) -> ComplexArray:
+        """(m,) 1/s, one per conjugate pair (Im s >= 0) and one per real eigenvalue."""
+
+    @property
+    def states(self) -> ComplexArray:
+        """(nx, m) right eigenvectors."""
+
+    @property
+    def left(self) -> ComplexArray:
+        """(nx, m) left eigenvectors, left^H states = 1."""
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """(m,) names."""
+
+    @property
+    def kind(self) -> tuple[ModeKind, ...]:
+        """(m,) what each mode does."""
+
+    @property
+    def state_matrix(self) -> FloatArray:
+        """(nx, nx) the modes are of."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -55,7 +87,7 @@ class _Full:
     state_matrix: FloatArray
 
 
-def track(source: Sequence[Modes] | SecondOrderSystem, *, parameter: ArrayLike | None = None) -> ModeTracks:
+def track(source: Sequence[TrackedPoint] | SecondOrderSystem, *, parameter: ArrayLike | None = None) -> ModeTracks:
     """Follow the modes of a sweep.
 
     Parameters
@@ -75,7 +107,9 @@ def track(source: Sequence[Modes] | SecondOrderSystem, *, parameter: ArrayLike |
     >>> tracks.labels, [round(float(w), 2) for w in tracks.s[-1].imag]
     (('car heave', 'car pitch'), [2.0, 1.0])
     """
-    points = modes_of_stack(source) if isinstance(source, SecondOrderSystem) else tuple(source)
+    points: tuple[TrackedPoint, ...] = (
+        modes_of_stack(source) if isinstance(source, SecondOrderSystem) else tuple(source)
+    )
     if not points:
         raise ValueError("source: expected at least one point")
     sizes = {point.state_matrix.shape[0] for point in points}
@@ -130,7 +164,7 @@ def assurance(left: ComplexArray, right: ComplexArray, other: tuple[ComplexArray
     return np.asarray(np.clip(forward * backward, 0.0, 1.0))
 
 
-def _expand(point: Modes) -> _Full:
+def _expand(point: TrackedPoint) -> _Full:
     paired = np.flatnonzero(point.s.imag > 0.0)
     count = len(point.s)
     return _Full(
@@ -187,7 +221,7 @@ def _coincident(point: _Full) -> NDArray[np.bool_]:
 
 
 def _tracks(
-    points: tuple[Modes, ...],
+    points: tuple[TrackedPoint, ...],
     full: list[_Full],
     order: NDArray[np.int64],
     confidence: FloatArray,

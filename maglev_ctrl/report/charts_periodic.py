@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from maglev_ctrl.analysis.resonance_map import SeededTongue
+from maglev_ctrl.analysis.resonance_map import ResonanceMap, SeededTongue
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.report.chart import Axis, Chart, Heat, Item, Line, Marks, Note, Panel, Rule, Span
 from maglev_ctrl.report.labels import Anchor, Room, placed
@@ -14,7 +14,7 @@ from maglev_ctrl.study.records import FloquetStudy, OptionStudy
 
 _MOST_NAMES = 5
 _MOST_CELLS = 480
-_MAP_SIZE = (5.2, 2.8)  # in
+MAP_SIZE = (5.2, 2.8)  # in
 _KILOMETRES_PER_HOUR = 3.6
 
 
@@ -25,21 +25,16 @@ def resonance_chart(option: OptionStudy, *, design_speed: float) -> Chart | None
         return None
     x = study.map.parameter * _KILOMETRES_PER_HOUR
     depth = 100.0 * study.map.depths
-    growth = np.where(study.map.unstable, study.map.growth_rate, np.nan)
-    known = growth[np.isfinite(growth)]
-    items: list[Item] = [_heat(x, depth, growth, float(np.max(known)))] if known.size else []
-    if not known.size:
-        middle = (0.5 * float(x[0] + x[-1]), 0.5 * float(depth[-1]))
-        items.append(Note(*middle, "stable everywhere on this map", "center", "center", INK))
+    items = growth_items(study.map, x, depth)
     curve = critical_curve(
         x, study.critical_depth, "critical depth", ("critical depth at a single speed", "circle"), INK, "solid"
     )
     items += curve
-    items += _unresolved(study, x, depth)
+    items += unresolved_items(study.map, x, depth)
     items.append(Rule("y", 100.0 * study.expected_depth, "expected depth", FAIL_COLOUR, "dash", 1.2))
     items.append(Rule("x", design_speed * _KILOMETRES_PER_HOUR, "design speed", INK, "dot", 1.0))
-    items += _narrow(study)
-    items += _names(study, x, depth)
+    items += tip_items(study.map)
+    items += name_items(study.map, x, depth)
     tips = any(np.isfinite(seed.threshold) for seed in study.map.seeded)
     drawn = _drawn_words(curve, tips=tips)
     limits_x = (float(x[0]), float(x[-1]))
@@ -55,7 +50,7 @@ def resonance_chart(option: OptionStudy, *, design_speed: float) -> Chart | None
         f"at the expected depth of {number(100 * study.expected_depth, '%')}. Map method: {study.map.method}.",
         alt=resonance_words(option.label, study),
         panels=(upper, _bands(study, limits_x)),
-        row_heights=(_MAP_SIZE[1], 0.16),
+        row_heights=(MAP_SIZE[1], 0.16),
         share_x=True,
         legend="bottom",
     )
@@ -103,6 +98,16 @@ def tips_below_curve(study: FloquetStudy) -> list[SeededTongue]:
     return found
 
 
+def growth_items(found: ResonanceMap, x: FloatArray, depth: FloatArray) -> list[Item]:
+    """Growth rate where a map is unstable, or that it is not; `x` and `depth` as shown."""
+    growth = np.where(found.unstable, found.growth_rate, np.nan)
+    known = growth[np.isfinite(growth)]
+    if known.size:
+        return [_heat(x, depth, growth, float(np.max(known)))]
+    middle = (0.5 * float(x[0] + x[-1]), 0.5 * float(depth[-1]))
+    return [Note(*middle, "stable everywhere on this map", "center", "center", INK)]
+
+
 def _heat(x: FloatArray, depth: FloatArray, growth: FloatArray, high: float) -> Heat:
     """The map on a regular grid, each cell the point of most growth it stands for, as images need one."""
     (x_even, columns), (y_even, rows) = even_cells(x, most=_MOST_CELLS), even_cells(depth, most=_MOST_CELLS)
@@ -110,16 +115,17 @@ def _heat(x: FloatArray, depth: FloatArray, growth: FloatArray, high: float) -> 
     return Heat(x_even, y_even, growth.ravel()[worst], "growth rate (1/s)", 0.0, high)
 
 
-def _unresolved(study: FloquetStudy, x: FloatArray, depth: FloatArray) -> list[Item]:
-    where = np.argwhere(study.map.unresolved)
+def unresolved_items(found: ResonanceMap, x: FloatArray, depth: FloatArray) -> list[Item]:
+    """Question marks where the two engines do not agree."""
+    where = np.argwhere(found.unresolved)
     if not where.size:
         return []
     return [Note(float(x[i]), float(depth[j]), "?", "center") for i, j in where[:: max(1, len(where) // 40)]]
 
 
-def _narrow(study: FloquetStudy) -> list[Item]:
+def tip_items(found: ResonanceMap) -> list[Item]:
     """Tips of tongues between the grid's speeds, found where resonance says they are."""
-    hidden = [s for s in study.map.seeded if np.isfinite(s.threshold)]
+    hidden = [s for s in found.seeded if np.isfinite(s.threshold)]
     if not hidden:
         return []
     x = np.array([s.parameter * _KILOMETRES_PER_HOUR for s in hidden])
@@ -128,18 +134,18 @@ def _narrow(study: FloquetStudy) -> list[Item]:
     return [Marks(x, y, "triangle", "tip of a tongue between grid speeds", INK, 4.0, words)]
 
 
-def _names(study: FloquetStudy, x: FloatArray, depth: FloatArray) -> list[Item]:
+def name_items(found: ResonanceMap, x: FloatArray, depth: FloatArray) -> list[Item]:
     """Names of the tongues that reach lowest, each beside its own tip, kept clear of one another and of the map."""
-    anchors = [Anchor(at, low, short_words(name)) for low, at, name in _grid_tips(study, x, depth)[:_MOST_NAMES]]
+    anchors = [Anchor(at, low, short_words(name)) for low, at, name in _grid_tips(found, x, depth)[:_MOST_NAMES]]
     limits = (float(x[0]), float(x[-1])), (0.0, float(depth[-1]))
-    return placed(anchors, Room(*limits, _MAP_SIZE, study.map.unstable.T))[0]
+    return placed(anchors, Room(*limits, MAP_SIZE, found.unstable.T))[0]
 
 
-def _grid_tips(study: FloquetStudy, x: FloatArray, depth: FloatArray) -> list[tuple[float, float, str]]:
+def _grid_tips(found: ResonanceMap, x: FloatArray, depth: FloatArray) -> list[tuple[float, float, str]]:
     """Lowest unstable depth, its speed and the full name of every tongue the grid shows, lowest first."""
     tips: list[tuple[float, float, str]] = []
-    for index, tongue in enumerate(study.map.tongues):
-        inside = (study.map.tongue_index == index) & study.map.unstable
+    for index, tongue in enumerate(found.tongues):
+        inside = (found.tongue_index == index) & found.unstable
         if not inside.any():
             continue
         columns = np.flatnonzero(inside.any(axis=1))
@@ -155,7 +161,7 @@ def tongue_tips(study: FloquetStudy) -> list[tuple[str, float, float]]:
     Tips found between the grid's speeds are lower than what the grid shows, and take precedence.
     """
     x, depth = study.map.parameter * _KILOMETRES_PER_HOUR, 100.0 * study.map.depths
-    found = [(low, at, name) for low, at, name in _grid_tips(study, x, depth)]
+    found = [(low, at, name) for low, at, name in _grid_tips(study.map, x, depth)]
     found += [
         (100.0 * s.threshold, s.parameter * _KILOMETRES_PER_HOUR, s.name)
         for s in study.map.seeded

@@ -61,7 +61,7 @@ def _flowing(text: str) -> str:
 
 def _summary(comparison: Comparison) -> Section:
     verdict = _banner_verdict(comparison)
-    blocks: list[Block] = [Banner(verdict, _banner_words(comparison)), Bullets(key_findings(comparison))]
+    blocks: list[Block] = [verdict_banner(comparison), Bullets(key_findings(comparison))]
     best = leading_option(comparison)
     if best is not None and best.requirements:
         several = len(comparison.options) > 1
@@ -70,6 +70,11 @@ def _summary(comparison: Comparison) -> Section:
             requirement_table(best, f"Requirements, judged for the {which}" if several else f"Requirements of {which}")
         )
     return Section("Summary", "summary", 1, tuple(blocks), verdict)
+
+
+def verdict_banner(comparison: Comparison) -> Banner:
+    """How many options pass, at which design point."""
+    return Banner(_banner_verdict(comparison), _banner_words(comparison))
 
 
 def _banner_verdict(comparison: Comparison) -> Verdict | None:
@@ -91,14 +96,15 @@ def _banner_words(comparison: Comparison) -> str:
 def _comparison(comparison: Comparison) -> Section:
     names = requirement_names(comparison)
     parts = [names[k : k + MOST_COLUMNS] for k in range(0, max(len(names), 1), MOST_COLUMNS)]
-    blocks: list[Block] = [_verdict_matrix(comparison, part) for part in parts]
+    blocks: list[Block] = [verdict_matrix(comparison, part) for part in parts]
     blocks += [_value_table(comparison, part) for part in parts]
     charts = (margin_bars(comparison), options_over_speed(comparison), ride_side_by_side(comparison))
     blocks += [FigureBlock(chart) for chart in charts if chart is not None]
     return Section("Comparison of options", "comparison", 1, tuple(blocks))
 
 
-def _verdict_matrix(comparison: Comparison, names: Sequence[str]) -> TableBlock:
+def verdict_matrix(comparison: Comparison, names: Sequence[str]) -> TableBlock:
+    """Options against requirements, a verdict in every cell."""
     rows = []
     for option in comparison.options:
         judged = {r.name: judged_cell(r) for r in option.requirements}

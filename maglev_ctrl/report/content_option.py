@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from maglev_ctrl.analysis.modes import Modes
 from maglev_ctrl.errors import Agreement, Verdict
 from maglev_ctrl.report.charts_modes import boundary_words, energy_ledger, other_sweeps, root_locus, speed_chart
 from maglev_ctrl.report.charts_periodic import resonance_chart, resonance_words, tongue_tips, tongue_words
@@ -22,6 +23,8 @@ from maglev_ctrl.report.ride.summary import at_design
 from maglev_ctrl.report.style import ABSENT, SIGMA, number
 from maglev_ctrl.report.values import breakable, judged_cell, margin_words, reason_words, value_words, with_prefix
 from maglev_ctrl.study.records import Comparison, FloquetStudy, OptionStudy, Sweep
+from maglev_ctrl.synthesis.design import Design
+from maglev_ctrl.systems import SecondOrderSystem
 from maglev_ctrl.vehicle import magnet_circuits
 from maglev_ctrl.vehicle.operating import Hold
 
@@ -38,7 +41,7 @@ HELD: Final[dict[Hold, str]] = {
 def option_section(comparison: Comparison, option: OptionStudy, place: int) -> list[Section]:
     """The option's chapter: an overview and its parts as sub-sections."""
     anchor = f"option-{place + 1}"
-    overview: list[Block] = [Banner(option.verdict, _verdict_words(option))]
+    overview: list[Block] = [Banner(option.verdict, verdict_words(option))]
     told = (*option.summary, *_force_limits(option))
     if told:
         overview.append(Bullets(told))
@@ -83,7 +86,8 @@ def _force_limits(option: OptionStudy) -> list[str]:
     return [f"Force limits ({sizes}): the linear analysis does not enforce them; {told}."]
 
 
-def _verdict_words(option: OptionStudy) -> str:
+def verdict_words(option: OptionStudy) -> str:
+    """How many requirements were judged, and how."""
     if not option.requirements:
         return "No requirement was judged."
     hard = [r for r in option.requirements if r.hard]
@@ -153,7 +157,8 @@ def _range(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]], unit: str)
 def _mode_blocks(comparison: Comparison, option: OptionStudy) -> list[Block]:
     blocks: list[Block] = []
     if option.modes is not None:
-        blocks.append(_mode_table(option))
+        where = f"{option.label} at the design point"
+        blocks.append(mode_table(option.modes, where, system=option.system, elsewhere="in report.json"))
     for sweep in option.sweeps:
         if sweep.parameter == "speed":
             blocks.append(Paragraph(f"Over speed: {boundary_words(sweep)}" + _gap_words(sweep)))
@@ -172,14 +177,14 @@ def _gap_words(sweep: Sweep) -> str:
     return f" Not evaluated at {number(value * sweep.scale, sweep.unit)}{more}: {reason}"
 
 
-def _mode_table(option: OptionStudy) -> Table:
-    modes = option.modes
-    if modes is None:
-        raise ValueError("option: expected modes, got None")
+def mode_table(
+    modes: Modes, label: str, *, system: SecondOrderSystem | None = None, elsewhere: str = "left out"
+) -> Table:
+    """The least stable modes and what feeds them; `system` tells kinds of elements, `elsewhere` where the rest is."""
     order = np.argsort(-modes.s.real, kind="stable")
     rows = []
     for k in order[:_MOST_MODES]:
-        fed = largest_feeder(option.system, modes.ledger, mode=int(k)) if option.system is not None else None
+        fed = largest_feeder(system, modes.ledger, mode=int(k))
         feeder = f"{fed[0]} {number(fed[1], '1/s')}" if fed else ABSENT
         damping, growth = float(modes.damping_ratio[k]), float(modes.s[k].real)
         if abs(growth) <= modes.error_bound[k]:  # a neutral mode: what is left is rounding, and so is what feeds it
@@ -194,10 +199,10 @@ def _mode_table(option: OptionStudy) -> Table:
             )
         )  # fmt: skip
     left = len(order) - len(rows)
-    more = f"; {left} faster decaying ones are in report.json" if left > 0 else ""
+    more = f"; {left} faster decaying ones are {elsewhere}" if left > 0 else ""
     heads = ("Mode", "Frequency", "Damping", "Growth rate", "± error", "Kind", "Fed most by")
     return Table(
-        f"Modes of {option.label} at the design point, least stable first{more}", heads, tuple(rows),
+        f"Modes of {label}, least stable first{more}", heads, tuple(rows),
         (2.0, 0.9, 0.9, 1.0, 0.8, 1.5, 1.5), right=(1, 2, 3, 4), small=True,
     )  # fmt: skip
 
@@ -270,6 +275,12 @@ def _controller_blocks(option: OptionStudy) -> list[Block]:
     design = option.design
     if design is None:
         return []
+    table = controller_table(design, option.label)
+    return [table, Bullets(design.notes)] if design.notes else [table]
+
+
+def controller_table(design: Design, label: str) -> Table:
+    """The law, its signals and the evidence about its closed loop."""
     proof = design.certificate
     controller = design.controller
     rows = [
@@ -283,7 +294,4 @@ def _controller_blocks(option: OptionStudy) -> list[Block]:
         row("Checks", f"{proof.agreed.value}: {'; '.join(proof.disagreements) or '; '.join(proof.methods)}"),
         *(row(f"Riccati residual {i + 1}", number(float(r.residual))) for i, r in enumerate(design.riccati)),
     ]
-    blocks: list[Block] = [Table(f"Controller of {option.label}", ("Item", "Value"), tuple(rows), (1.0, 2.4))]
-    if design.notes:
-        blocks.append(Bullets(design.notes))
-    return blocks
+    return Table(f"Controller of {label}", ("Item", "Value"), tuple(rows), (1.0, 2.4))

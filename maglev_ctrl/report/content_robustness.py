@@ -28,10 +28,15 @@ def robustness_blocks(option: OptionStudy) -> list[Block]:
     if found is None:
         reason = option.robustness_reason
         return [Paragraph(f"Worst cases were not evaluated: {reason}")] if reason else []
+    return worst_case_blocks(found, option.label)
+
+
+def worst_case_blocks(found: WorstCase, label: str) -> list[Block]:
+    """The same for worst cases on their own."""
     why = f": {found.reason}" if found.reason else ""
     blocks: list[Block] = [
         Banner(found.stable, f"{_STABLE[found.stable]}{why}."), Paragraph(factor_words(found.factor)),
-        _value_table(option.label, found), _parameter_table(option.label, found),
+        _value_table(label, found), _parameter_table(label, found),
     ]  # fmt: skip
     told = [f"{name}: {point.reason}" for name, point in _points(found) if point.reason]
     told += [f"With exact delays: {found.exact_delays}"] if found.exact_delays else []

@@ -10,18 +10,23 @@ from maglev_ctrl.systems import SecondOrderSystem
 _WORDS = {"magnet": "magnets", "body": "bodies", "geometry": "geometry", "aerodynamics": "aerodynamics"}
 
 
-def ledger_groups(system: SecondOrderSystem, ledger: Ledger) -> dict[str, list[int]]:
-    """All magnets, all bodies, spring-dampers and actuators of one family ("winding_front", ...), the rest alone."""
-    kinds = {share.name: share.kind for share in system.contributions}
+def ledger_groups(system: SecondOrderSystem | None, ledger: Ledger) -> dict[str, list[int]]:
+    """All magnets, all bodies, spring-dampers and actuators of one family ("winding_front", ...), the rest alone.
+
+    Without the system the kinds are not known: what is numbered ("front_magnet_1", ...) is told together.
+    """
+    kinds = {} if system is None else {share.name: share.kind for share in system.contributions}
     groups: dict[str, list[int]] = {}
     for place, element in enumerate(ledger.elements):
         kind = kinds.get(element, "other")
-        family = element.rsplit("_", 1)[0] if kind in ("spring_damper", "actuator") else element
+        head, _, last = element.rpartition("_")
+        together = bool(head) and (kind in ("spring_damper", "actuator") or (system is None and last.isdigit()))
+        family = head if together else element
         groups.setdefault(_WORDS.get(kind, family), []).append(place)
     return groups
 
 
-def largest_feeder(system: SecondOrderSystem, ledger: Ledger, *, mode: int) -> tuple[str, float] | None:
+def largest_feeder(system: SecondOrderSystem | None, ledger: Ledger, *, mode: int) -> tuple[str, float] | None:
     """The group that adds most to a mode's growth rate and how much (1/s); None when nothing feeds it."""
     total = ledger.damping[:, mode] + ledger.circulatory[:, mode]
     if np.isnan(total).any():

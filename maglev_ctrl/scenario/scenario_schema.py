@@ -8,6 +8,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, PrivateAttr
 
+from maglev_ctrl.display import Shown
 from maglev_ctrl.forces import AbstractForceModel
 from maglev_ctrl.scenario.force_schema import ForceRecord
 from maglev_ctrl.scenario.force_table import ForceSamples
@@ -151,8 +152,10 @@ class Origin:
     force_samples: ForceSamples | None
 
 
-class Scenario(Record):
+class Scenario(Shown, Record):
     """A study: a vehicle, its forces, where it runs, the suspension options to compare and what they must reach."""
+
+    _told: ClassVar = ("title", "vehicle", "options", "requirements")
 
     later_keys: ClassVar[frozenset[str]] = frozenset(
         {"packs", "irregularity", "ride", "uncertainty", "tuning", "simulation"}

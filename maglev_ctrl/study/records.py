@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 from maglev_ctrl.analysis.boundary import Boundaries
 from maglev_ctrl.analysis.floquet import Floquet
@@ -15,6 +15,7 @@ from maglev_ctrl.analysis.resonance_map import ResonanceMap
 from maglev_ctrl.analysis.robustness.records import WorstCase
 from maglev_ctrl.analysis.tracking import ModeTracks
 from maglev_ctrl.arrays import ComplexArray, FloatArray
+from maglev_ctrl.display import Shown
 from maglev_ctrl.errors import Verdict
 from maglev_ctrl.study.nonlinear.records import NonlinearStudy
 from maglev_ctrl.study.ride_records import RideStudy
@@ -27,9 +28,11 @@ from maglev_ctrl.vehicle.vehicle import Vehicle
 SweepName = Literal["speed", "payload", "height", "gap", "lateral_offset"]
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class RequirementResult:
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class RequirementResult(Shown):
     """One requirement judged for one option."""
+
+    _told: ClassVar = ("name", "verdict", "value", "limit", "unit", "margin_percent", "hard")
 
     name: str
     quantity: str
@@ -47,9 +50,11 @@ class RequirementResult:
     hard: bool = True  # False: a wish, whose missing is told but fails nothing
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Sweep:
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class Sweep(Shown):
     """Closed-loop eigenvalues along one operating parameter (SI), tracked and labelled."""
+
+    _told: ClassVar = ("parameter", "values", "unit")
 
     parameter: SweepName
     unit: str  # display unit, e.g. "km/h"
@@ -79,9 +84,11 @@ class NyquistCurve:
     response: ComplexArray  # (f,)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class FloquetStudy:
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class FloquetStudy(Shown):
     """Periodic forcing of one option."""
+
+    _told: ClassVar = ("at_design", "worst_depth", "worst_speed", "worst_resonance")
 
     wavelength: float  # m
     expected_depth: float
@@ -99,9 +106,11 @@ class FloquetStudy:
     margins_reason: str  # why there are none, or what is missing among them; "" otherwise
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class OptionStudy:
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class OptionStudy(Shown):
     """Everything computed for one suspension option."""
+
+    _told: ClassVar = ("name", "verdict", "modes", "margins", "failure")
 
     name: str
     label: str
@@ -143,9 +152,11 @@ class OptionStudy:
         return Verdict.PASS
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Comparison:
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class Comparison(Shown):
     """A scenario's options side by side."""
+
+    _told: ClassVar = ("title", "verdict", "options")
 
     title: str
     description: str

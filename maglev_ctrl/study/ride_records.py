@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from maglev_ctrl.analysis.response.records import RideResponse
 from maglev_ctrl.arrays import FloatArray
+from maglev_ctrl.display import Shown
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -80,9 +82,11 @@ class StepPassing:
     reason: str
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class RideStudy:
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class RideStudy(Shown):
     """Everything about the ride of one option; `points` begin with the design point."""
+
+    _told: ClassVar = ("points", "masks", "spectrum")
 
     points: tuple[RidePoint, ...]
     masks: tuple[MaskResult, ...]

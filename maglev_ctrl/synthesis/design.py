@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 import warnings
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from scipy.linalg import matrix_balance, solve_continuous_lyapunov
 from scipy.optimize import linear_sum_assignment
 
 from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only_any
+from maglev_ctrl.display import Shown
 from maglev_ctrl.errors import Agreement, ModelError, NotStable, Status
 from maglev_ctrl.synthesis.extended import Extended
 from maglev_ctrl.synthesis.result import Synthesis
@@ -26,8 +28,8 @@ METHODS = (
 )
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Certificate:
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class Certificate(Shown):
     """Independent evidence about a closed loop.
 
     `closed_loop_eigenvalues` 1/s; `matrix_difference` and `eigenvalue_difference` relative differences of the two
@@ -36,6 +38,8 @@ class Certificate:
     I + D of the algebraic loop; `refined_abscissa` of a second plant (higher Pade order), None without one; `agreed`
     whether all methods tell the same story.
     """
+
+    _told: ClassVar = ("stable", "spectral_abscissa", "agreed", "lyapunov_residual")
 
     closed_loop_eigenvalues: ComplexArray
     spectral_abscissa: float
@@ -56,13 +60,15 @@ class Certificate:
         return self.agreed is Agreement.AGREED and self.spectral_abscissa < 0.0 and proven
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Design:
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class Design(Shown):
     """A control law with its origin: `riccati` and `weights` are empty where the law has none, `notes` tell choices.
 
     `synthesis` holds the claims about the loop and their proofs; `schedule` the law over an operating parameter, of
     which `controller` is the one at the design point.
     """
+
+    _told: ClassVar = ("name", "law", "status", "controller", "certificate")
 
     name: str
     law: str

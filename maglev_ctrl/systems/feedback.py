@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from maglev_ctrl.arrays import FloatArray, join_columns, join_rows, read_only
+from maglev_ctrl.display import Shown
 from maglev_ctrl.systems.second_order import Contribution, SecondOrderSystem
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Controller:
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class Controller(Shown):
     """Linear controller from measured outputs y to actuator commands u: x' = A x + B y, u = C x + D y.
 
     The sign of the feedback is inside the matrices (a stabilising state feedback has D = -K). `measured` are names of
     outputs or states of the system, `commands` names of its inputs. `dt` is the sampling period in s of a sampled law
     (x+ = A x + B y); None in continuous time.
     """
+
+    _told: ClassVar = ("name", "measured", "commands", "A", "dt")
 
     A: FloatArray
     B: FloatArray

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from maglev_ctrl.arrays import FloatArray, read_only, read_only_any
+from maglev_ctrl.display import Shown
 from maglev_ctrl.systems.second_order import SecondOrderSystem
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class PeriodicSystem:
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class PeriodicSystem(Shown):
     """x' = A(t) x with A(t) = A_0 + sum over k of (A_cos[k] cos k W t + A_sin[k] sin k W t), W = `frequency`.
 
     `A_0` (..., nx, nx); `A_cos`, `A_sin` (..., H, nx, nx), harmonic k = 1..H on the axis before the matrix axes;
     `frequency` (...,) rad/s. Exact for cosine modulation; feeds the Hill and the propagator engine alike.
     """
+
+    _told: ClassVar = ("states", "A_0", "A_cos", "frequency")
 
     A_0: FloatArray
     A_cos: FloatArray

@@ -7,12 +7,13 @@ and positive damping dissipates; forces from internal states, actuators and the 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from maglev_ctrl.arrays import FloatArray, join_columns, join_rows, read_only
+from maglev_ctrl.display import Shown
 
 ContributionKind = Literal[
     "body", "magnet", "spring_damper", "actuator", "geometry", "aerodynamics", "controller", "other"
@@ -35,8 +36,8 @@ class Contribution:
     F: FloatArray
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class SecondOrderSystem:
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class SecondOrderSystem(Shown):
     """Linearised vehicle: second-order coordinates q, internal states xi, inputs u, guideway displacement w, outputs y.
 
         M q'' + C q' + K q = F xi + B u + K_w w + C_w w'
@@ -49,6 +50,8 @@ class SecondOrderSystem:
     `ignorable` names coordinates whose position enters nowhere (surge along a uniform track): the state vector
     leaves their position out, so that the rigid translation adds no eigenvalue at zero.
     """
+
+    _told: ClassVar = ("dofs", "internal", "inputs", "guideway", "outputs")
 
     M: FloatArray
     C: FloatArray

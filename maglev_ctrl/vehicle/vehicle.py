@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import KW_ONLY, dataclass, replace
 from difflib import get_close_matches
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
+from maglev_ctrl.display import Shown
 from maglev_ctrl.forces.electromagnet import Electromagnet
 from maglev_ctrl.vehicle.elements import (
     GUIDEWAY,
@@ -25,8 +26,8 @@ from maglev_ctrl.vehicle.elements import (
 Kinematics = Literal["consistent", "paper"]
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Vehicle:
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class Vehicle(Shown):
     """Bodies, magnets and connections; every model is a choice of them, and one assembly makes M, C and K.
 
     Parameters
@@ -52,6 +53,8 @@ class Vehicle:
         ...
     ValueError: skid: there is no body 'cart'; did you mean 'car'?
     """
+
+    _told: ClassVar = ("name", "bodies", "magnets", "connections", "actuators", "sensors")
 
     name: str
     bodies: tuple[Body, ...]

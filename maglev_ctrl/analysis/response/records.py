@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from maglev_ctrl.arrays import FloatArray, read_only
+from maglev_ctrl.display import Shown
 from maglev_ctrl.errors import Agreement
 
 ClearanceKind = Literal["gap", "stroke"]
@@ -179,9 +180,11 @@ class MaskResult:
     reason: str
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class RideResponse:
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class RideResponse(Shown):
     """The response of one closed loop to a random guideway at one speed (m/s)."""
+
+    _told: ClassVar = ("speed", "passengers", "clearances", "actuators", "agreement")
 
     speed: float
     passengers: tuple[PassengerRide, ...]

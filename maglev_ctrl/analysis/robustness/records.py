@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from maglev_ctrl.arrays import FloatArray
+from maglev_ctrl.display import Shown
 from maglev_ctrl.errors import Agreement, Verdict
 
 
@@ -69,8 +71,8 @@ class WorstPoint:
     reason: str
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class WorstCase:
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class WorstCase(Shown):
     """Worst cases of a closed loop within the stated spreads of its parameters.
 
     `stable` : PASS where stability is proven for every combination, FAIL where an unstable one was found and replayed,
@@ -81,6 +83,8 @@ class WorstCase:
     `reason` : why the verdict is what it is, wherever it is no plain pass
     `exact_delays` : what the stability gate says with exact delays at the points found; empty without delays
     """
+
+    _told: ClassVar = ("stable", "factor", "names", "agreement", "reason")
 
     names: tuple[str, ...]
     spreads: FloatArray

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field
-from typing import Literal, Protocol, runtime_checkable
+from typing import ClassVar, Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from maglev_ctrl.arrays import FloatArray
+from maglev_ctrl.display import Shown
 
 EventKind = Literal["contact", "data", "diverged"]
 
@@ -105,8 +106,8 @@ class Event:
     reason: str
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Trajectory:
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class Trajectory(Shown):
     """The motion of r runs, s samples each.
 
     Signals are increments from the equilibrium, but "<magnet>.height", "<magnet>.clearance" (m, to the wall) and
@@ -126,6 +127,8 @@ class Trajectory:
     step_error : largest difference of a coordinate to a run with half the step, relative to its largest displacement,
         over the first `checked` seconds
     """
+
+    _told: ClassVar = ("time", "signals", "events", "step", "step_error")
 
     time: FloatArray
     signals: Mapping[str, FloatArray]

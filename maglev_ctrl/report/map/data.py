@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 FORMAT: Final = 1
 STATES: Final = (("stable", STABLE), ("unresolved", UNRESOLVED), ("unstable", UNSTABLE), ("no_answer", NO_ANSWER))
-_ARRAYS: Final = (
+ARRAYS: Final = (
     ("growth", "1/s", "growth rate of the fastest motion; NaN without an answer", np.float64, np.nan),
     ("growth_error", "1/s", "bound on the error of the growth rate", np.float64, np.nan),
     ("state", "1", "-1 stable, 1 unstable, 0 unresolved, 2 no answer", np.int8, NO_ANSWER),
@@ -53,13 +53,10 @@ def to_dataset(study: MapStudy) -> xarray.Dataset:
     for suffix, found, law in (("", planes, "the option's own law"), ("_periodic_law", laws, "the periodic law")):
         if suffix and not any(plane is not None for plane in found):
             continue
-        for name, unit, words, kind, blank in _ARRAYS:
-            said: dict[str, Any] = {"units": unit, "long_name": f"{words}, under {law}"}
-            if name == "state":
-                said |= {"flag_values": np.array([v for _, v in STATES], dtype=np.int8),
-                         "flag_meanings": " ".join(word for word, _ in STATES)}  # fmt: skip
+        for name, unit, words, kind, blank in ARRAYS:
+            said = array_words(name, unit, f"{words}, under {law}")
             if name == "tongue_index":
-                said |= {f"names_of_option_{k}": _tongue_names(plane) for k, plane in enumerate(found)}
+                said |= {f"names_of_option_{k}": tongue_names(plane) for k, plane in enumerate(found)}
             parts[name + suffix] = (dims, _stacked(study, found, name, kind, blank), said)
     return xarray.Dataset(
         parts,
@@ -83,6 +80,13 @@ def to_dataset(study: MapStudy) -> xarray.Dataset:
     )  # fmt: skip
 
 
+def array_words(name: str, unit: str, words: str) -> dict[str, Any]:
+    """Attributes of one array of a map: unit, what it is, and the meaning of states."""
+    flags = {"flag_values": np.array([value for _, value in STATES], dtype=np.int8),
+             "flag_meanings": " ".join(word for word, _ in STATES)}  # fmt: skip
+    return {"units": unit, "long_name": words, **(flags if name == "state" else {})}
+
+
 def _axis_names(study: MapStudy) -> tuple[str, str]:
     """Names that every reader of NetCDF takes; two axes of one name are told apart."""
     first, second = (
@@ -91,7 +95,8 @@ def _axis_names(study: MapStudy) -> tuple[str, str]:
     return (first, second) if first != second and "option" not in (first, second) else (f"{first}_x", f"{second}_y")
 
 
-def _tongue_names(plane: StabilityPlane | None) -> str:
+def tongue_names(plane: StabilityPlane | None) -> str:
+    """What the numbers of `tongue_index` stand for."""
     return "" if plane is None else "; ".join(f"{k}: {one.name}" for k, one in enumerate(plane.tongues))
 
 

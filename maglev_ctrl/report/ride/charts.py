@@ -13,6 +13,7 @@ from maglev_ctrl.analysis.response.weighting import COMFORT_BOUNDS, COMFORT_LOWE
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.report.chart import Axis, Chart, Item, Line, Marks, Note, Panel, Rule, Span
 from maglev_ctrl.report.charts_modes import DESIGN_LINE
+from maglev_ctrl.report.labelled import Labelled
 from maglev_ctrl.report.ride.summary import worst_numbers
 from maglev_ctrl.report.ride.tables import axes_of, weighted_along
 from maglev_ctrl.report.style import DASHES, FAIL_COLOUR, INK, SIGMA, Dash, Symbol, colour, curve_colour, number
@@ -31,7 +32,7 @@ _DECADES: Final = 7  # of density that one panel shows
 _KILOMETRES_PER_HOUR: Final = 3.6
 
 
-def along_the_car(option: OptionStudy, response: RideResponse) -> Chart | None:
+def along_the_car(option: Labelled, response: RideResponse) -> Chart | None:
     """Weighted acceleration against the place in the car, with the classes of comfort behind; None without passengers.
 
     Where several passengers sit abreast, the line follows the worst of them.

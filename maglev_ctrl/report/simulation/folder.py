@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from maglev_ctrl._version import __version__
+from maglev_ctrl.analysis.simulation.records import Trajectory
 from maglev_ctrl.report.content_nonlinear import study_blocks
 from maglev_ctrl.report.folder import write_whole
 from maglev_ctrl.report.html import html
@@ -93,9 +94,16 @@ def json_text(study: SimulationStudy) -> str:
 
 def to_dataset(study: SimulationStudy) -> xarray.Dataset:
     """Every signal (run, time) in SI; NaN after a run's end."""
+    return trajectory_dataset(study.trajectory).assign_attrs({
+        "title": study.title, "scenario": study.name, "scenario_hash": study.scenario_hash, "option": study.option,
+        "created": study.created, "assumptions": "\n".join(study.study.assumptions),
+    })  # fmt: skip
+
+
+def trajectory_dataset(found: Trajectory) -> xarray.Dataset:
+    """The same for a trajectory on its own."""
     import xarray
 
-    found = study.trajectory
     names = {_safe(name): name for name in found.signals}
     return xarray.Dataset(
         {key: (("run", "time"), np.asarray(found.signals[name]), {"signal": name, "units": "SI"})
@@ -103,10 +111,8 @@ def to_dataset(study: SimulationStudy) -> xarray.Dataset:
         | {"ends": ("run", np.asarray(found.ends), {"units": "s", "long_name": "when each run ended"})},
         coords={"time": ("time", np.asarray(found.time), {"units": "s"})},
         attrs={
-            "title": study.title, "scenario": study.name, "scenario_hash": study.scenario_hash,
-            "option": study.option, "maglev_ctrl_version": __version__, "created": study.created,
-            "step_s": found.step, "step_error": found.step_error, "energy_error": found.energy_error,
-            "assumptions": "\n".join(study.study.assumptions),
+            "maglev_ctrl_version": __version__, "step_s": found.step, "step_error": found.step_error,
+            "energy_error": found.energy_error, "events": "\n".join(event.reason for event in found.events),
         },
     )  # fmt: skip
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from maglev_ctrl.analysis.margins import Margins
 from maglev_ctrl.arrays import ComplexArray, FloatArray
+from maglev_ctrl.display import Shown
 from maglev_ctrl.errors import Status, Verdict
 from maglev_ctrl.synthesis.damping.budget import DampingBudget
 from maglev_ctrl.synthesis.design import Design
@@ -89,9 +90,11 @@ class PredictiveStudy:
     saturated: PredictiveRun
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class LawStudy:
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class LawStudy(Shown):
     """One option's law: designed, proved, sampled. `failure` says in a sentence why there is none."""
+
+    _told: ClassVar = ("name", "law", "verdict", "status", "failure")
 
     name: str
     label: str
@@ -128,9 +131,11 @@ class LawStudy:
         return Verdict.PASS if proved else Verdict.FAIL
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class DesignStudy:
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class DesignStudy(Shown):
     """Every law of a scenario."""
+
+    _told: ClassVar = ("title", "verdict", "options")
 
     name: str
     title: str

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from maglev_ctrl.analysis.floquet_margins import FloquetMargins
 from maglev_ctrl.analysis.plane_records import StabilityPlane
 from maglev_ctrl.analysis.tongue_atlas import TongueAtlas
 from maglev_ctrl.analysis.tongue_table import TongueRow
 from maglev_ctrl.arrays import FloatArray
+from maglev_ctrl.display import Shown
 from maglev_ctrl.synthesis.periodic_constant import PeriodicComparison
 
 
@@ -60,9 +62,11 @@ class OptionMap:
     seconds: float
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class MapStudy:
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class MapStudy(Shown):
     """Maps of a scenario's options over the same two quantities."""
+
+    _told: ClassVar = ("title", "x", "y", "options")
 
     title: str
     scenario_path: str

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from maglev_ctrl.analysis.simulation.records import Trajectory
 from maglev_ctrl.arrays import FloatArray
+from maglev_ctrl.display import Shown
 from maglev_ctrl.errors import Agreement, Verdict
 
 
@@ -69,9 +71,11 @@ class NonlinearStudy:
     seconds: float
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class SimulationStudy:
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class SimulationStudy(Shown):
     """One option simulated on request: the check, and every signal of every run."""
+
+    _told: ClassVar = ("title", "option", "verdict", "study", "trajectory")
 
     title: str
     name: str  # of the scenario

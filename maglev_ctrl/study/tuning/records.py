@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 from maglev_ctrl.arrays import FloatArray
+from maglev_ctrl.display import Shown
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -93,13 +94,15 @@ class RankingShift:
     changed: bool
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class TuningStudy:
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class TuningStudy(Shown):
     """All options' searches side by side.
 
     `in_loop`: the hard requirements every candidate had to meet; `after`: those that only the full study of the chosen
     candidates judges.
     """
+
+    _told: ClassVar = ("method", "objectives", "options", "ranking")
 
     method: str
     in_loop: tuple[str, ...]
