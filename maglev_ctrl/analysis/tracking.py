@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -107,9 +107,8 @@ def track(source: Sequence[TrackedPoint] | SecondOrderSystem, *, parameter: Arra
     >>> tracks.labels, [round(float(w), 2) for w in tracks.s[-1].imag]
     (('car heave', 'car pitch'), [2.0, 1.0])
     """
-    points: tuple[TrackedPoint, ...] = (
-        modes_of_stack(source) if isinstance(source, SecondOrderSystem) else tuple(source)
-    )
+    given: Sequence[TrackedPoint] = modes_of_stack(source) if isinstance(source, SecondOrderSystem) else source
+    points = tuple(given)
     if not points:
         raise ValueError("source: expected at least one point")
     sizes = {point.state_matrix.shape[0] for point in points}
