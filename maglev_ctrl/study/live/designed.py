@@ -37,12 +37,21 @@ class Designed:
     map_reason: str
     merged: bool
     _vehicles: dict[float | None, Vehicle] = field(default_factory=dict)
+    _slowed: dict[float | None, Vehicle] = field(default_factory=dict)
 
     def vehicle(self, payload: float | None) -> Vehicle:
         """The vehicle with the option's elements at a payload (kg)."""
         if payload not in self._vehicles:
             self._vehicles[payload] = self.model.vehicle(payload)
         return self._vehicles[payload]
+
+    def slowed(self, payload: float | None) -> Vehicle:
+        """The vehicle the map is drawn for."""
+        if not self.merged:
+            return self.vehicle(payload)
+        if payload not in self._slowed:
+            self._slowed[payload] = slowed_vehicle(self.vehicle(payload))
+        return self._slowed[payload]
 
     def balance(self, situation: Situation) -> tuple[Vehicle, Equilibrium]:
         """The vehicle and its equilibrium in a situation; Raises as `OptionModel.balance`."""
@@ -60,9 +69,7 @@ class Designed:
         ModelError : there is no equilibrium
         OutOfDomain : the forces are not known there
         """
-        vehicle = self.vehicle(situation.payload)
-        if self.merged and not full:
-            vehicle = slowed_vehicle(vehicle)
+        vehicle = self.vehicle(situation.payload) if full else self.slowed(situation.payload)
         try:
             unit = periodic_system(self.model, vehicle, situation, self.controller, self.modulation)
         except (ValueError, np.linalg.LinAlgError) as fault:

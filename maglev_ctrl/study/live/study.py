@@ -4,26 +4,31 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from maglev_ctrl.analysis.modes import Modes, modes
-from maglev_ctrl.analysis.tracking import ModeTracks, track
+from maglev_ctrl.analysis.modes import modes
+from maglev_ctrl.analysis.tracking import ModeTracks
+from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.errors import Verdict
 from maglev_ctrl.scenario import Scenario
 from maglev_ctrl.scenario.quantity_paths import DEPTH, SPEED, ScenarioQuantity
 from maglev_ctrl.study.live.designed import FAULTS, Designed, designed
-from maglev_ctrl.study.live.fast_map import MERGED, map_of, plane_of
-from maglev_ctrl.study.live.quantities import Slider, is_situation, sliders
+from maglev_ctrl.study.live.fast_map import fast_map
+from maglev_ctrl.study.live.growth import Sizes
+from maglev_ctrl.study.live.quantities import is_situation, sliders
 from maglev_ctrl.study.live.records import LiveMap, LiveQuantity, LiveView
 from maglev_ctrl.study.live.settle import settled
+from maglev_ctrl.study.live.speeds import OverSpeed
 from maglev_ctrl.study.live.text import scenario_text
+from maglev_ctrl.study.live.tracks import live_tracks
 from maglev_ctrl.study.situation import Situation
 
-_PIXELS = 100
-_TRACKED = 41
-_KEPT = 8
+_PIXELS = 100  # speeds and depths of the map
+_TRACKED = 61  # speeds of the tracks
+_FEW = 31  # of them where each has to be assembled
+_KEPT = 8  # designs, and places over speed, that are kept
 
 
 class LiveStudy:
@@ -45,6 +50,8 @@ class LiveStudy:
 
     def __init__(self, scenario: Scenario, option_name: str) -> None:
         self.scenario, self.option_name = scenario, option_name
+        self._swept: dict[tuple[tuple[str, float], ...], _Swept] = {}
+        self._sizes = Sizes()
         self._designs: dict[tuple[tuple[str, float], ...], Designed] = {}
         own = designed(scenario, option_name)
         self._designs[()] = own
@@ -89,10 +96,9 @@ class LiveStudy:
             found = modes(system)
         except FAULTS as fault:
             return replace(blank, failure=f"{fault}", seconds=time.perf_counter() - started)
-        atlas, reason = self._map(made, situation) if whole else (None, "not asked for")
-        tracks = self._tracks(made, situation) if whole else None
+        swept = self._sweep(made, chosen, situation) if whole else _Swept(None, None, "not asked for")
         return replace(
-            blank, system=system, modes=found, tracks=tracks, map=atlas, map_reason=reason,
+            blank, system=system, modes=found, tracks=swept.tracks, map=swept.map, map_reason=swept.reason,
             height=float(np.mean(balanced.magnet_heights)) if len(balanced.magnet_heights) else situation.height,
             verdict_words="Not settled yet.", seconds=time.perf_counter() - started,
         )  # fmt: skip
@@ -163,31 +169,52 @@ class LiveStudy:
             verdict=Verdict.NOT_EVALUATED, verdict_words="", failure="", notes=(), settled=False, seconds=0.0,
         )  # fmt: skip
 
-    def _map(self, made: Designed, situation: Situation) -> tuple[LiveMap | None, str]:
-        if made.modulation is None:
-            return None, made.map_reason
+    def _sweep(self, made: Designed, chosen: Mapping[str, float], situation: Situation) -> _Swept:
+        """Tracks and map, which neither speed nor depth of the operating point change."""
+        still = tuple((name, value) for name, value in chosen.items() if name not in (SPEED, DEPTH))
+        if still not in self._swept:
+            found = self._swept_at(made, situation)
+            while len(self._swept) >= _KEPT:
+                self._swept.pop(next(iter(self._swept)))
+            self._swept[still] = found
+        return self._swept[still]
+
+    def _swept_at(self, made: Designed, situation: Situation) -> _Swept:
+        slider = next(one.shown for one in self._sliders if one.shown.name == SPEED)
+        try:
+            over = OverSpeed(made, situation, slider.low, slider.high)
+        except FAULTS as fault:
+            return _Swept(None, None, f"{fault}")
+        tracks = self._tracks(
+            made, situation, over, np.linspace(slider.low, slider.high, _TRACKED if over.smooth else _FEW)
+        )
         periodic = self.scenario.periodic
-        assert periodic is not None
+        if made.modulation is None or periodic is None:
+            return _Swept(tracks, None, made.map_reason)
         speed = np.linspace(periodic.map.speed.first, periodic.map.speed.last, _PIXELS)
         depth = np.linspace(0.0, next(one.shown.high for one in self._sliders if one.shown.name == DEPTH), _PIXELS)
         try:
-            plane = plane_of(made, situation, speed, depth, checks=0)
+            return _Swept(tracks, fast_map(made, over, speed, depth, self._sizes), "")
         except FAULTS as fault:
-            return None, f"{fault}"
-        note = "Not checked yet by the second engine." + (f" {MERGED}" if made.merged else "")
-        return map_of(plane, checked=False, note=note), ""
+            return _Swept(tracks, None, f"{fault}")
 
-    def _tracks(self, made: Designed, situation: Situation) -> ModeTracks | None:
-        slider: Slider = next(one for one in self._sliders if one.shown.name == SPEED)
-        points: list[Modes] = []
-        speeds = []
-        for speed in np.linspace(slider.shown.low, slider.shown.high, _TRACKED):
-            try:
-                points.append(modes(made.closed(replace(situation, speed=float(speed)))))
-            except FAULTS:
-                continue
-            speeds.append(float(speed))
+    def _tracks(
+        self, made: Designed, situation: Situation, over: OverSpeed, speeds: FloatArray
+    ) -> ModeTracks | None:  # fmt: skip
+        loops = over.at(speeds)
         try:
-            return track(points, parameter=speeds) if points else None
-        except ValueError:
+            return live_tracks(
+                loops.full[loops.answered], speeds[loops.answered], over.template,
+                lambda speed: modes(made.closed(replace(situation, speed=speed))),
+            )  # fmt: skip
+        except FAULTS:
             return None
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Swept:
+    """What is shown over speed, or why there is no map."""
+
+    tracks: ModeTracks | None
+    map: LiveMap | None
+    reason: str
