@@ -79,4 +79,5 @@ def own_hosts(address: str, port: int) -> frozenset[str]:
         names = {"localhost", "127.0.0.1", address, socket.gethostname().lower(), socket.getfqdn().lower()}
         with suppress(OSError):
             names.update(str(found[4][0]) for found in socket.getaddrinfo(socket.gethostname(), None))
-    return frozenset(f"[{name}]:{port}" if ":" in name else f"{name}:{port}" for name in names)
+    plain = {f"[{name}]" if ":" in name else name for name in names}
+    return frozenset({f"{name}:{port}" for name in plain} | (plain if port == 80 else set()))  # browsers leave out 80
