@@ -11,8 +11,10 @@ from maglev_ctrl.report.charts_comparison import options_over_speed
 from maglev_ctrl.report.charts_margins import margin_bars, requirement_names
 from maglev_ctrl.report.comparison.ride_chart import ride_side_by_side
 from maglev_ctrl.report.comparison.tuning import tuning_section
-from maglev_ctrl.report.content_method import method_words
+from maglev_ctrl.report.content_cover import cover
+from maglev_ctrl.report.content_method import method_words, not_asked
 from maglev_ctrl.report.content_option import option_section, requirement_table
+from maglev_ctrl.report.equations import equation_blocks
 from maglev_ctrl.report.findings import key_findings, leading_option
 from maglev_ctrl.report.model import (
     Banner,
@@ -50,7 +52,7 @@ def report_model(comparison: Comparison) -> Report:
     version = dict(comparison.versions).get("maglev-ctrl", __version__)
     return Report(
         comparison.title, _flowing(comparison.description), comparison.created, comparison.scenario_hash, version,
-        tuple(sections),
+        tuple(sections), cover(comparison, verdict_banner(comparison)),
     )  # fmt: skip
 
 
@@ -61,7 +63,7 @@ def _flowing(text: str) -> str:
 
 def _summary(comparison: Comparison) -> Section:
     verdict = _banner_verdict(comparison)
-    blocks: list[Block] = [verdict_banner(comparison), Bullets(key_findings(comparison))]
+    blocks: list[Block] = [Bullets(key_findings(comparison))]
     best = leading_option(comparison)
     if best is not None and best.requirements:
         several = len(comparison.options) > 1
@@ -147,7 +149,10 @@ def _value_and_change(result: RequirementResult, base: float, is_base: bool) -> 
 
 
 def _method(comparison: Comparison) -> Section:
-    blocks: list[Block] = [Bullets(method_words(comparison))]
+    blocks: list[Block] = [Bullets(method_words(comparison)), *equation_blocks(comparison)]
+    missing = not_asked(comparison)
+    if missing:
+        blocks.append(Paragraph(f"Not part of this study, because the scenario does not ask for it: {missing}."))
     if comparison.forces:
         blocks += [Paragraph("Magnetic forces:"), Bullets(comparison.forces)]
     if comparison.assumptions:

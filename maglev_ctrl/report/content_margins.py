@@ -11,6 +11,8 @@ from maglev_ctrl.analysis.margin_sites import sensitivity_zone
 from maglev_ctrl.analysis.margins import ChannelMargins, Margins
 from maglev_ctrl.report.charts_margins import disk_value, nyquist
 from maglev_ctrl.report.content_margin_sites import margin_site_blocks
+from maglev_ctrl.report.content_worst import worst_blocks
+from maglev_ctrl.report.equations import DISK, DISK_PEAK
 from maglev_ctrl.report.model import Block, Bullets, Cell, FigureBlock, Paragraph, Table, row
 from maglev_ctrl.report.style import ABSENT, ALPHA, number
 from maglev_ctrl.study.records import OptionStudy
@@ -21,7 +23,7 @@ def option_margin_blocks(option: OptionStudy) -> list[Block]:
     margins = option.margins
     if margins is None:
         return [Paragraph(f"Margins were not evaluated: {option.margins_reason}")] if option.margins_reason else []
-    blocks = margin_blocks(margins, option.label)
+    blocks = [*margin_blocks(margins, option.label), *worst_blocks(margins, option.label, key=option.name)]
     chart = nyquist(option)
     blocks = [*blocks, FigureBlock(chart)] if chart is not None else blocks
     if option.margin_sites is not None:
@@ -36,7 +38,7 @@ def margin_blocks(margins: Margins, label: str) -> list[Block]:
     caption = f"Margins of {label}, one channel at a time with the others closed"
     widths = (2.0, 1.0, 1.0, 0.9, 1.0, 0.9, 1.1, 0.9)
     blocks: list[Block] = [
-        Table(caption, heads, rows, widths, (1, 2, 3, 4, 5, 6)), _peak_table(margins, label),
+        Table(caption, heads, rows, widths, (1, 2, 3, 4, 5, 6), see=(DISK, DISK_PEAK)), _peak_table(margins, label),
         Paragraph(_multi_loop_words(margins.multi_loop)),
     ]  # fmt: skip
     unresolved = _unresolved(margins)

@@ -65,3 +65,15 @@ def method_words(comparison: Comparison) -> tuple[str, ...]:
         *(NONLINEAR if any(o.nonlinear is not None for o in options) else ()),
         *(TUNING if comparison.tuning is not None else ()),
     )
+
+
+def not_asked(comparison: Comparison) -> str:
+    """What no option has and no option gives a reason for: the scenario has no such table; "" where it asks for all."""
+    options = comparison.options
+    parts = (
+        ("periodic forcing and its resonances ([periodic])", [(o.floquet, o.floquet_reason) for o in options]),
+        ("ride, gaps and actuators ([irregularity])", [(o.ride, o.ride_reason) for o in options]),
+        ("worst cases within spreads ([uncertainty])", [(o.robustness, o.robustness_reason) for o in options]),
+        ("the nonlinear check ([simulation])", [(o.nonlinear, o.nonlinear_reason) for o in options]),
+    )
+    return "; ".join(name for name, found in parts if not any(done is not None or why for done, why in found))

@@ -15,6 +15,7 @@ from maglev_ctrl.report.content_margins import option_margin_blocks
 from maglev_ctrl.report.content_nonlinear import nonlinear_blocks
 from maglev_ctrl.report.content_periodic import floquet_margin_blocks
 from maglev_ctrl.report.content_robustness import robustness_blocks
+from maglev_ctrl.report.equations import FLOQUET, LEDGER, LYAPUNOV, MOTION, RESONANCE, SHARES
 from maglev_ctrl.report.findings import unforced_warning
 from maglev_ctrl.report.groups import largest_feeder
 from maglev_ctrl.report.model import Banner, Block, Bullets, FigureBlock, Paragraph, Section, Table, row
@@ -31,6 +32,10 @@ from maglev_ctrl.vehicle.operating import Hold
 _MOST_MODES = 12
 _MOST_TONGUES = 12
 _KILOMETRES_PER_HOUR = 3.6
+NO_LEDGER: Final = (
+    "No energy ledger is drawn: it splits the growth rate of oscillating modes, and none here has shares that stand "
+    "out of the error of the computation."
+)
 HELD: Final[dict[Hold, str]] = {
     "height": "height (magnet currents trimmed at every point)",
     "strength": "magnet strength (the height follows)",
@@ -158,15 +163,21 @@ def _mode_blocks(comparison: Comparison, option: OptionStudy) -> list[Block]:
     blocks: list[Block] = []
     if option.modes is not None:
         where = f"{option.label} at the design point"
-        blocks.append(mode_table(option.modes, where, system=option.system, elsewhere="in report.json"))
+        blocks.append(
+            mode_table(option.modes, where, system=option.system, elsewhere="in report.json", key=option.name)
+        )
     for sweep in option.sweeps:
         if sweep.parameter == "speed":
             blocks.append(Paragraph(f"Over speed: {boundary_words(sweep)}" + _gap_words(sweep)))
     charts = (
         speed_chart(option, design_speed=comparison.design_speed), other_sweeps(option), root_locus(option),
-        mode_shapes(option), energy_ledger(option),
+        mode_shapes(option),
     )  # fmt: skip
-    return blocks + [FigureBlock(chart) for chart in charts if chart is not None]
+    blocks += [FigureBlock(chart) for chart in charts if chart is not None]
+    ledger = energy_ledger(option)
+    if ledger is not None:
+        return [*blocks, FigureBlock(ledger, (LEDGER, SHARES, f"table:{option.name}-modes"))]
+    return [*blocks, Paragraph(NO_LEDGER)] if option.modes is not None else blocks
 
 
 def _gap_words(sweep: Sweep) -> str:
@@ -178,9 +189,12 @@ def _gap_words(sweep: Sweep) -> str:
 
 
 def mode_table(
-    modes: Modes, label: str, *, system: SecondOrderSystem | None = None, elsewhere: str = "left out"
+    modes: Modes, label: str, *, system: SecondOrderSystem | None = None, elsewhere: str = "left out", key: str = ""
 ) -> Table:
-    """The least stable modes and what feeds them; `system` tells kinds of elements, `elsewhere` where the rest is."""
+    """The least stable modes and what feeds them; `system` tells kinds of elements, `elsewhere` where the rest is.
+
+    `key` begins the names by which a report refers to the table.
+    """
     order = np.argsort(-modes.s.real, kind="stable")
     rows = []
     for k in order[:_MOST_MODES]:
@@ -203,7 +217,8 @@ def mode_table(
     heads = ("Mode", "Frequency", "Damping", "Growth rate", "± error", "Kind", "Fed most by")
     return Table(
         f"Modes of {label}, least stable first{more}", heads, tuple(rows),
-        (2.0, 0.9, 0.9, 1.0, 0.8, 1.5, 1.5), right=(1, 2, 3, 4), small=True,
+        (2.0, 0.9, 0.9, 1.0, 0.8, 1.5, 1.5), (1, 2, 3, 4), True, f"{key}-modes" if key else "",
+        (MOTION, LYAPUNOV, f"figure:{key}-ledger") if key else (),
     )  # fmt: skip
 
 
@@ -215,14 +230,17 @@ def _periodic_blocks(comparison: Comparison, option: OptionStudy) -> list[Block]
     blocks: list[Block] = [Paragraph(resonance_words(option.label, study)), _floquet_table(option, study)]
     chart = resonance_chart(option, design_speed=comparison.design_speed)
     if chart is not None:
-        blocks.append(FigureBlock(chart))
+        blocks.append(FigureBlock(chart, (RESONANCE, f"table:{option.name}-tongues")))
     tips = tongue_tips(study)
     if tips:
         lines = tuple(row(name, number(low, "%"), number(at, "km/h")) for name, low, at in tips[:_MOST_TONGUES])
         more = f" (lowest {_MOST_TONGUES} of {len(tips)})" if len(tips) > _MOST_TONGUES else ""
         caption = f"Resonances of {option.label}{more}: where each begins"
         blocks.append(Paragraph(_mode_numbers(option)))
-        blocks.append(Table(caption, ("Resonance", "From depth", "At speed"), lines, (3.0, 1.0, 1.0), (1, 2)))
+        blocks.append(Table(
+            caption, ("Resonance", "From depth", "At speed"), lines, (3.0, 1.0, 1.0), (1, 2),
+            key=f"{option.name}-tongues", see=(RESONANCE, f"figure:{option.name}-resonance"),
+        ))  # fmt: skip
     blocks += floquet_margin_blocks(
         option.label, study.margins, study.margins_reason, expected_depth=study.expected_depth
     )  # fmt: skip
@@ -264,7 +282,7 @@ def _floquet_table(option: OptionStudy, study: FloquetStudy) -> Table:
     )  # fmt: skip
     heads = ("Vehicle", "Largest multiplier", "Growth rate", "Error bound", "Two engines")
     caption = f"Floquet stability of {option.label} at the design speed and expected depth"
-    return Table(caption, heads, rows, (1.8, 1.2, 1.1, 1.0, 1.2), (1, 2, 3))
+    return Table(caption, heads, rows, (1.8, 1.2, 1.1, 1.0, 1.2), (1, 2, 3), see=(FLOQUET,))
 
 
 def _agreement(value: Agreement) -> str:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 
 from maglev_ctrl.report.interactive import interactive, packed, plotly_script
-from maglev_ctrl.report.model import SIGNS, SLUGS, FigureBlock, Report, Table
+from maglev_ctrl.report.model import SIGNS, SLUGS, Report, Section
+from maglev_ctrl.report.numbering import ended, numbered
 from maglev_ctrl.report.vector import TAG, themed
 
 _STYLE = re.compile(r' style="([^"]*)"')
@@ -29,17 +30,20 @@ def html(report: Report, pictures: Mapping[str, str]) -> str:
     charts = {chart.key: chart for chart in report.charts()}
     classes: dict[str, str] = {}
     figures = {key: Markup(_classed(themed(pictures[key], label=chart.alt), classes)) for key, chart in charts.items()}
-    numbers = _numbers(report)
+    numbers = numbered(report)
     return template.render(
         report=report,
         signs=SIGNS,
         slug=lambda verdict: SLUGS[verdict],
-        number=lambda block: numbers[id(block)],
+        numbers=numbers,
+        ended=ended,
+        chapters=_chapters(report.sections),
+        math=Markup,
         figures=figures,
         style_sheet=Markup(templates.joinpath("report.css").read_text(encoding="utf-8")),
         figure_style=Markup("".join(f".{name}{{{style}}}" for style, name in classes.items())),
-        figure_data=packed({key: interactive(chart) for key, chart in charts.items()}),
-        figure_library=plotly_script(),
+        figure_data=Markup(packed({key: interactive(chart) for key, chart in charts.items()})),
+        figure_library=Markup(plotly_script()),
         script=Markup(templates.joinpath("report.js").read_text(encoding="utf-8")),
     )
 
@@ -54,14 +58,12 @@ def _classed(svg: str, classes: dict[str, str]) -> str:
     return TAG.sub(lambda tag: _STYLE.sub(name, tag.group()), svg)  # tags only: words may hold anything
 
 
-def _numbers(report: Report) -> dict[int, int]:
-    """Figures and tables numbered in reading order, by identity of their block."""
-    numbers: dict[int, int] = {}
-    counts = {FigureBlock: 0, Table: 0}
-    for section in report.sections:
-        for block in section.blocks:
-            kind = type(block)
-            if kind is FigureBlock or kind is Table:
-                counts[kind] += 1
-                numbers[id(block)] = counts[kind]
-    return numbers
+def _chapters(sections: Sequence[Section]) -> list[tuple[Section, list[Section]]]:
+    """Sections of the first level, each with those of the second that follow it."""
+    chapters: list[tuple[Section, list[Section]]] = []
+    for section in sections:
+        if section.level == 1 or not chapters:
+            chapters.append((section, []))
+        else:
+            chapters[-1][1].append(section)
+    return chapters

@@ -1,11 +1,16 @@
-"""The report as PDF: the model handed to a Typst template as data, figures as vector graphics."""
+"""The report as PDF: the model handed to a Typst template as data, figures as vector graphics.
+
+The file conforms to PDF/A-2a (kept for decades, tagged) and PDF/UA-1 (read aloud): the compiler refuses to write one
+that does not, as far as it checks.
+"""
 
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from importlib.resources import files
-from typing import Any, assert_never
+from typing import Any, Final, assert_never
 
 from maglev_ctrl.report.model import (
     SIGNS,
@@ -14,12 +19,20 @@ from maglev_ctrl.report.model import (
     Block,
     Bullets,
     Cell,
+    Cover,
+    Equation,
     FigureBlock,
     Listing,
     Paragraph,
+    Passage,
+    Reference,
     Report,
     Table,
 )
+from maglev_ctrl.report.numbering import Numbering, ended, numbered
+
+STANDARDS: Final = ("a-2a", "ua-1")
+_DAY: Final = re.compile(r"(\d{4})-(\d{2})-(\d{2})(?:T(\d{2}):(\d{2}):(\d{2}))?")
 
 
 def pdf(report: Report, pictures: Mapping[str, str]) -> bytes:
@@ -42,32 +55,75 @@ def pdf(report: Report, pictures: Mapping[str, str]) -> bytes:
     sources["model.json"] = json.dumps(_document(report, names), ensure_ascii=False).encode()
     fonts = f"{matplotlib.get_data_path()}/fonts/ttf"
     inputs: Any = sources  # a dictionary of files: taken by the library, not yet in its type hints
-    compiled = typst.compile(inputs, font_paths=[fonts], ignore_system_fonts=True)
+    compiled = typst.compile(inputs, font_paths=[fonts], ignore_system_fonts=True, pdf_standards=list(STANDARDS))
     if not isinstance(compiled, bytes):
         raise TypeError(f"typst: expected one PDF as bytes, got {type(compiled).__name__}")
     return compiled
 
 
 def _document(report: Report, names: Mapping[str, str]) -> dict[str, Any]:
+    numbers = numbered(report)
     short = report.title if len(report.title) <= 80 else report.title[:78].rstrip() + " …"
+    day = _DAY.match(report.created)
     return {
         "title": report.title,
         "short_title": short,
         "subtitle": report.subtitle,
         "created": report.created,
+        "day": [int(part or 0) for part in day.groups()] if day else None,
         "version": report.version,
         "scenario_hash": report.scenario_hash,
+        "cover": None if report.cover is None else _cover(report.cover, names, numbers),
         "sections": [
-            {"title": s.title, "level": s.level, "blocks": [_block(block, names) for block in s.blocks]}
+            {
+                "title": s.title, "level": s.level, "anchor": s.anchor,
+                "verdict": None if s.verdict is None else SLUGS[s.verdict],
+                "blocks": [_block(block, names, numbers) for block in s.blocks],
+            }
             for s in report.sections
         ],
-    }
+    }  # fmt: skip
 
 
-def _block(block: Block, names: Mapping[str, str]) -> dict[str, Any]:
+def _cover(cover: Cover, names: Mapping[str, str], numbers: Numbering) -> dict[str, Any]:
+    return {
+        "facts": [list(fact) for fact in cover.facts],
+        "banner": _block(cover.banner, names, numbers),
+        "tiles": [
+            {
+                "label": tile.label, "value": tile.value, "detail": tile.detail,
+                "tone": "neutral" if tile.verdict is None else SLUGS[tile.verdict],
+                "sign": "" if tile.verdict is None else f"{SIGNS[tile.verdict]} {tile.verdict.value}",
+            }
+            for tile in cover.tiles
+        ],
+        "picture": None if cover.picture is None else _block(cover.picture, names, numbers),
+    }  # fmt: skip
+
+
+def _see(targets: tuple[str, ...], numbers: Numbering) -> list[dict[str, str]]:
+    return [{"words": place.words, "anchor": place.anchor} for place in numbers.known(targets)]
+
+
+def _part(part: str | Reference, numbers: Numbering) -> dict[str, str]:
+    if isinstance(part, str):
+        return {"words": part, "anchor": ""}
+    place = numbers.to(part.target)
+    return {"words": place.words, "anchor": place.anchor}
+
+
+def _block(block: Block, names: Mapping[str, str], numbers: Numbering) -> dict[str, Any]:
     match block:
         case Paragraph():
             return {"kind": "Paragraph", "text": block.text}
+        case Passage():
+            return {"kind": "Passage", "parts": [_part(part, numbers) for part in block.parts]}
+        case Equation():
+            formula = block.formula
+            return {
+                "kind": "Equation", "anchor": numbers.of(block).anchor, "math": formula.typst, "words": formula.words,
+                "source": block.source,
+            }  # fmt: skip
         case Bullets():
             return {"kind": "Bullets", "items": list(block.items)}
         case Banner():
@@ -77,13 +133,17 @@ def _block(block: Block, names: Mapping[str, str]) -> dict[str, Any]:
             return {"kind": "Banner", "verdict": tone, "sign": sign, "text": block.text}
         case Table():
             return {
-                "kind": "Table", "caption": block.caption, "columns": list(block.columns), "small": block.small,
+                "kind": "Table", "caption": ended(block.caption), "columns": list(block.columns), "small": block.small,
                 "widths": list(block.widths or (1.0,) * len(block.columns)), "right": list(block.right),
                 "rows": [[_cell(c) for c in cells] for cells in block.rows],
+                "anchor": numbers.of(block).anchor, "see": _see(block.see, numbers),
             }  # fmt: skip
         case FigureBlock():
             chart = block.chart
-            return {"kind": "Figure", "file": names[chart.key], "alt": chart.alt, "caption": chart.caption}
+            return {
+                "kind": "Figure", "file": names[chart.key], "alt": chart.alt, "caption": ended(chart.caption),
+                "anchor": numbers.of(block).anchor, "see": _see(block.see, numbers),
+            }  # fmt: skip
         case Listing():
             return {"kind": "Listing", "text": block.text}
         case _:

@@ -197,7 +197,7 @@ def _file(place: Path) -> Path:
     other = next((name for name in _OTHERS if (place / name).exists()), None)
     if other is not None:
         raise ScenarioError(f"{place}: not a report but {_OTHERS[other]} ({other}); {MAKE_ONE}")
-    if (place / "report.html").exists() or (place / "report.pdf").exists():
+    if any((place / f"report.{other}").exists() for other in ("html", "pdf", "md")):
         raise ScenarioError(f"{place}: the report there has no {FILE}; write it again with --format html,pdf,json")
     raise ScenarioError(f"{place}: no {FILE} in this folder; {MAKE_ONE}")
 

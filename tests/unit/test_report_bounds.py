@@ -198,8 +198,9 @@ def test_a_map_that_contradicts_the_sweep_is_told(studied: OptionStudy) -> None:
 
 
 def banner(*options: OptionStudy) -> Banner:
-    (found,) = [b for b in report_model(compared(*options)).sections[0].blocks if isinstance(b, Banner)]
-    return found
+    cover = report_model(compared(*options)).cover
+    assert cover is not None
+    return cover.banner
 
 
 def test_the_banner_is_neutral_where_options_differ(studied: OptionStudy) -> None:

@@ -59,8 +59,8 @@ def page(found: Reproduction) -> str:
         resolved=lambda row: row.agreement is Agreement.AGREED,
         style_sheet=Markup(shared.joinpath("report.css").read_text(encoding="utf-8")),
         own_style=Markup(own.joinpath("reproduction.css").read_text(encoding="utf-8")),
-        figure_data=packed({key: interactive(chart) for key, chart in made.items()}),
-        figure_library=plotly_script(),
+        figure_data=Markup(packed({key: interactive(chart) for key, chart in made.items()})),
+        figure_library=Markup(plotly_script()),
         script=Markup(shared.joinpath("report.js").read_text(encoding="utf-8")),
         own_script=Markup(own.joinpath("reproduction.js").read_text(encoding="utf-8")),
     )
