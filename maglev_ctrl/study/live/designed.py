@@ -15,9 +15,9 @@ from maglev_ctrl.scenario.quantity_paths import ScenarioQuantity, with_quantity
 from maglev_ctrl.study.forcing import delays_are_short, periodic_system, slowed_vehicle
 from maglev_ctrl.study.law import designed_option
 from maglev_ctrl.study.modulation import ScenarioModulation, modulation_of
-from maglev_ctrl.study.situation import OptionModel, Situation
-from maglev_ctrl.systems import Controller, PeriodicSystem, SecondOrderSystem, at_depth
-from maglev_ctrl.vehicle import Equilibrium, Vehicle
+from maglev_ctrl.study.situation import PADE_ORDER, OptionModel, Situation
+from maglev_ctrl.systems import Controller, PeriodicSystem, SecondOrderSystem, at_depth, close_loop
+from maglev_ctrl.vehicle import Equilibrium, Vehicle, linearize
 
 NO_PERIOD = "the scenario describes no periodic forces: there is no map"
 FAULTS = (MaglevError, ValueError, ArithmeticError, np.linalg.LinAlgError)
@@ -53,13 +53,18 @@ class Designed:
             self._slowed[payload] = slowed_vehicle(self.vehicle(payload))
         return self._slowed[payload]
 
-    def balance(self, situation: Situation) -> tuple[Vehicle, Equilibrium]:
-        """The vehicle and its equilibrium in a situation; Raises as `OptionModel.balance`."""
-        return self.model.balance_of(self.vehicle(situation.payload), situation)
+    def closed(self, situation: Situation) -> tuple[SecondOrderSystem, Equilibrium]:
+        """The closed loop in a situation and its equilibrium.
 
-    def closed(self, situation: Situation) -> SecondOrderSystem:
-        """The closed loop in a situation; Raises as `OptionModel.closed_of`."""
-        return self.model.closed_of(self.vehicle(situation.payload), situation, self.controller)
+        Raises
+        ------
+        ModelError : there is no equilibrium
+        OutOfDomain : the forces are not known there
+        """
+        held, balanced = self.model.balance_of(self.vehicle(situation.payload), situation)
+        plant = linearize(held, balanced, pade_order=PADE_ORDER)
+        law = self.model.law_at(situation, self.controller)
+        return plant if law is None else close_loop(plant, law), balanced
 
     def periodic(self, situation: Situation, depth: float, *, full: bool) -> PeriodicSystem:
         """The periodic system in a situation at a depth, of the full model or of the map's.

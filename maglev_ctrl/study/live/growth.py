@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -36,7 +36,7 @@ _BESIDE = 10  # terms of a series in speed beside the phase that the fastest mod
 _CONDITION = 30.0  # of a leading multiplier, assumed
 _AT_ONCE = 3  # squarings between two norms that are taken out: a power of eight leaves no range of numbers
 _NEUTRAL = 1e-6  # growth of the mean system, times the period, below which a point counts as undamped
-_TRUNCATION = 1e-10
+_TRUNCATION = 1e-8  # per segment of the period
 _CHUNK = 1 << 16  # matrix entries squared at once, so that they stay in the cache
 _THREADS = 2
 
@@ -152,18 +152,25 @@ def _series(
     guess = int(0.5 * abs(phase[1] - phase[0])) + _BESIDE, _DEPTHS[0]
     across, along = sizes.known.get(key, guess)
     while across <= _MOST and along <= _DEPTHS[-1]:
-        matrices = _integrated(source(x.points(across)), y.points(along), scale)
+        matrices, rounding = _integrated(source(x.points(across)), y.points(along), scale)
         if not np.all(np.isfinite(matrices)):
             return None, scale
         series = plane_series(matrices, x=x, y=y)
         end = tails(series.coefficients)
         allowed = SERIES * end.largest
         if end.x <= allowed and end.y <= allowed:
-            sizes.known[key] = across, along
-            return series, scale
+            sizes.known[key] = _needed(series, allowed, across), along
+            return replace(series, error=series.error + rounding), scale
         across = across if end.x <= allowed else int(1.4 * across) + 1
         along = along if end.y <= allowed else next((k for k in _DEPTHS if k > along), _DEPTHS[-1] + 1)
     return None, scale
+
+
+def _needed(series: PlaneSeries, allowed: float, count: int) -> int:
+    """Speeds that would have been enough."""
+    size = np.sqrt(np.sum(series.coefficients.reshape(count, -1) ** 2, axis=1))
+    behind = np.cumsum(size[::-1])[::-1]
+    return min(count, int(np.count_nonzero(behind > 0.1 * allowed)) + 2)
 
 
 def _each(source: Source, speed: FloatArray, depth: FloatArray, y: Direction) -> _Panel:
@@ -171,14 +178,14 @@ def _each(source: Source, speed: FloatArray, depth: FloatArray, y: Direction) ->
     here = source(speed)
     scale = _scale(here, y.upper)
     for along in _DEPTHS:
-        matrices = _integrated(here, y.points(along), scale)
+        matrices, rounding = _integrated(here, y.points(along), scale)
         rows = np.moveaxis(y.coefficients(np.ascontiguousarray(np.moveaxis(matrices, 1, 0))), 0, 1)
         size = np.sqrt(np.nansum(rows**2, axis=(2, 3)))
         largest = np.maximum(np.max(size, axis=1), 1e-300)
         tail = float(np.max((size[:, -1] + size[:, -2]) / largest))
         if tail <= SERIES:
             break
-    error = max(tail, SERIES) * float(np.max(largest))
+    error = max(tail, SERIES) * float(np.max(largest)) + rounding
     return _Panel(
         np.ascontiguousarray(rows), y.basis(depth, along), error, 2.0 * np.pi / here.frequency,
         rescale(here.mean, scale),
@@ -192,17 +199,18 @@ def _scale(here: Columns, deepest: float) -> FloatArray:
         return balance(np.nan_to_num(np.nanmean(size, axis=0)) if np.any(np.isfinite(size)) else np.eye(size.shape[-1]))
 
 
-def _integrated(here: Columns, depths: FloatArray, scale: FloatArray) -> FloatArray:
-    """Propagators over one period (V, D, m, m); NaN where there is no system."""
+def _integrated(here: Columns, depths: FloatArray, scale: FloatArray) -> tuple[FloatArray, float]:
+    """Propagators over one period (V, D, m, m), NaN where there is no system, and their largest error."""
     known = np.all(np.isfinite(here.mean), axis=(1, 2))
     found = np.full((len(known), len(depths), *here.mean.shape[1:]), np.nan)
-    if np.any(known):
-        parts = (rescale(one[known], scale) for one in (here.mean, here.cosine, here.sine))
-        with np.errstate(over="ignore", invalid="ignore"):
-            found[known] = monodromy_many(
-                *parts, frequency=here.frequency[known], depths=depths, tolerance=_TRUNCATION
-            ).matrices
-    return found
+    if not np.any(known):
+        return found, 0.0
+    parts = (rescale(one[known], scale) for one in (here.mean, here.cosine, here.sine))
+    with np.errstate(over="ignore", invalid="ignore"):
+        many = monodromy_many(*parts, frequency=here.frequency[known], depths=depths, tolerance=_TRUNCATION)
+        found[known] = many.matrices
+        size = np.sqrt(np.max(np.sum(many.matrices**2, axis=(2, 3)), axis=1))
+    return found, float(np.max(many.error * size))
 
 
 class _Pixels:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -91,8 +92,7 @@ class LiveStudy:
         try:
             vehicle = made.vehicle(situation.payload)
             blank = replace(blank, vehicle=vehicle)
-            _, balanced = made.balance(situation)
-            system = made.closed(situation)
+            system, balanced = made.closed(situation)
             found = modes(system)
         except FAULTS as fault:
             return replace(blank, failure=f"{fault}", seconds=time.perf_counter() - started)
@@ -185,18 +185,27 @@ class LiveStudy:
             over = OverSpeed(made, situation, slider.low, slider.high)
         except FAULTS as fault:
             return _Swept(None, None, f"{fault}")
-        tracks = self._tracks(
-            made, situation, over, np.linspace(slider.low, slider.high, _TRACKED if over.smooth else _FEW)
-        )
+        speeds = np.linspace(slider.low, slider.high, _TRACKED if over.smooth else _FEW)
+        if not over.smooth:
+            tracks, atlas = self._tracks(made, situation, over, speeds), self._map(made, over)
+        else:
+            # The map is products of matrices for the most part, and leaves this thread its time.
+            with ThreadPoolExecutor(max_workers=1) as pool:
+                drawing = pool.submit(self._map, made, over)
+                tracks = self._tracks(made, situation, over, speeds)
+                atlas = drawing.result()
+        return _Swept(tracks, *atlas)
+
+    def _map(self, made: Designed, over: OverSpeed) -> tuple[LiveMap | None, str]:
         periodic = self.scenario.periodic
         if made.modulation is None or periodic is None:
-            return _Swept(tracks, None, made.map_reason)
+            return None, made.map_reason
         speed = np.linspace(periodic.map.speed.first, periodic.map.speed.last, _PIXELS)
         depth = np.linspace(0.0, next(one.shown.high for one in self._sliders if one.shown.name == DEPTH), _PIXELS)
         try:
-            return _Swept(tracks, fast_map(made, over, speed, depth, self._sizes), "")
+            return fast_map(made, over, speed, depth, self._sizes), ""
         except FAULTS as fault:
-            return _Swept(tracks, None, f"{fault}")
+            return None, f"{fault}"
 
     def _tracks(
         self, made: Designed, situation: Situation, over: OverSpeed, speeds: FloatArray
@@ -205,7 +214,7 @@ class LiveStudy:
         try:
             return live_tracks(
                 loops.full[loops.answered], speeds[loops.answered], over.template,
-                lambda speed: modes(made.closed(replace(situation, speed=speed))),
+                lambda speed: modes(made.closed(replace(situation, speed=speed))[0]),
             )  # fmt: skip
         except FAULTS:
             return None

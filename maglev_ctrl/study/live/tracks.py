@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +25,17 @@ class _Point:
     s: ComplexArray
     states: ComplexArray
     left: ComplexArray
-    labels: tuple[str, ...]
     kind: tuple[ModeKind, ...]
     state_matrix: FloatArray
+    template: SecondOrderSystem
+    named: list[tuple[str, ...]] = field(default_factory=list)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of the modes; asked for at few speeds, because a line is named once."""
+        if not self.named:
+            self.named.append(mode_labels(self.template, participation_factors(self.states, self.left)))
+        return self.named[0]
 
 
 def live_tracks(
@@ -54,16 +62,10 @@ def live_tracks(
     values, right = np.linalg.eig(matrices)
     values, right = values.astype(np.complex128), right.astype(np.complex128)
     left = _left(right)
-    chosen = [_chosen(one) for one in values]
-    states = np.concatenate([r[:, k] for r, k in zip(right, chosen, strict=True)], axis=1)
-    dual = np.concatenate([r[:, k] for r, k in zip(left, chosen, strict=True)], axis=1)
-    labels = mode_labels(template, participation_factors(states, dual))
-    ends = np.cumsum([0, *(len(k) for k in chosen)])
     points = []
-    for p, k in enumerate(chosen):
-        part = slice(int(ends[p]), int(ends[p + 1]))
-        s = values[p, k]
-        points.append(_Point(s, states[:, part], dual[:, part], labels[part], _kinds(s), matrices[p]))
+    for s, states, dual, A in zip(values, right, left, matrices, strict=True):
+        k = _chosen(s)
+        points.append(_Point(s[k], states[:, k], dual[:, k], _kinds(s[k]), A, template))
     tracks = track(points, parameter=speeds)
     return replace(tracks, kinds=_with_flutter(tracks, exact))
 
