@@ -28,9 +28,10 @@ class Arrangement:
     bridge : further model of the document, without a place of its own
     """
 
-    def __init__(self, document: Any, bridge: Any) -> None:
+    def __init__(self, bridge: Any) -> None:
         cursor = Cursor()
-        self._document, self._cursor = document, cursor
+        self._document: Any = None
+        self._cursor, self.bridge = cursor, bridge
         self._view: LiveView | None = None
         self._comparison: LiveComparison | None = None
         self._live = {
@@ -41,13 +42,18 @@ class Arrangement:
         figures = [figure for view in (*self._live.values(), self._compared) for figure in view.figures]
         for figure in figures:
             dress(figure, False)
-        for place, view in (*self._live.items(), ("comparison", self._compared)):
-            view.root.tags = [*view.root.tags, PLACE + place]
-            document.add_root(view.root)  # in the order of the places: Bokeh counts roots
-        switch = theme_switch(figures)
-        switch.name = "theme-switch"
-        for model in (cursor.source, bridge, switch):
-            document.add_root(model)
+        self._switch = theme_switch(figures)
+        self._switch.name = "theme-switch"
+
+    def attach(self, document: Any) -> None:
+        """Put everything into a document, which looks through all of it once."""
+        self._document = document
+        with document.models.freeze():
+            for place, view in (*self._live.items(), ("comparison", self._compared)):
+                view.root.tags = [*view.root.tags, PLACE + place]
+                document.add_root(view.root)  # in the order of the places: Bokeh counts roots
+            for model in (self._cursor.source, self.bridge, self._switch):
+                document.add_root(model)
         if hasattr(document.config, "notify_connection_status"):  # the page tells it by itself, and loads itself again
             document.config.notify_connection_status = document.config.reconnect_session = False
 

@@ -136,25 +136,31 @@ def _tinted(figure: Plot) -> list[tuple[Any, dict[str, str]]]:
         (figure, {"outline_line_color": "grid"}),
         (figure.title, {"text_color": "ink"}),
     ]
-    for axis in figure.select(type=Axis):
+    for axis in _parts(figure, Axis):
         found.append((axis, {
             "axis_line_color": "faded", "major_tick_line_color": "faded", "minor_tick_line_color": "grid",
             "major_label_text_color": "ink", "axis_label_text_color": "ink",
         }))  # fmt: skip
-    found += [(grid, {"grid_line_color": "grid"}) for grid in figure.select(type=Grid)]
-    for legend in figure.select(type=Legend):
+    found += [(grid, {"grid_line_color": "grid"}) for grid in _parts(figure, Grid)]
+    for legend in _parts(figure, Legend):
         found.append((legend, {"label_text_color": "ink", "title_text_color": "ink"}))
-    for bar in figure.select(type=ColorBar):
+    for bar in _parts(figure, ColorBar):
         found.append((bar, {
             "major_label_text_color": "ink", "title_text_color": "ink", "major_tick_line_color": "faded",
             "bar_line_color": "grid",
         }))  # fmt: skip
-    glyphs = [renderer.glyph for renderer in figure.select(type=GlyphRenderer)]
+    glyphs = [renderer.glyph for renderer in _parts(figure, GlyphRenderer)]
     for model in (*glyphs, *figure.center):
         role = next((role for tag, role in _TAGS.items() if tag in model.tags), None)
         if role is not None:
             found.append((model, dict.fromkeys(_own_colours(model), role)))
     return found
+
+
+def _parts(figure: Plot, kind: type[Any]) -> list[Any]:
+    """What stands in a figure itself; `Plot.select` would search every view that a callback links it to."""
+    held = (*figure.left, *figure.right, *figure.above, *figure.below, *figure.center, *figure.renderers)
+    return [part for part in held if isinstance(part, kind)]
 
 
 def _own_colours(model: Any) -> tuple[str, ...]:
@@ -167,7 +173,7 @@ def _own_colours(model: Any) -> tuple[str, ...]:
 def _mappers(figure: Plot) -> list[ColorMapper]:
     """Mappers that give modes and bodies their colours; those of maps keep theirs in both themes."""
     found: dict[str, ColorMapper] = {}
-    for renderer in figure.select(type=GlyphRenderer):
+    for renderer in _parts(figure, GlyphRenderer):
         for name in ("line_color", "fill_color"):
             spec = getattr(renderer.glyph, name, None)
             mapper = getattr(spec, "transform", None)
