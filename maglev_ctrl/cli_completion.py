@@ -5,11 +5,12 @@ The scripts hand over the words of the line and know nothing of verbs and option
 
 from __future__ import annotations
 
+import inspect
 import re
 from collections.abc import Iterator, Sequence
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Final, Protocol, get_args, get_type_hints
 
 import typer
 
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
 
         name: str
         opts: list[str]
-        secondary_opts: list[str]
-        type: Any
         multiple: bool
         hidden: bool
         is_flag: bool
@@ -67,7 +66,7 @@ _maglev_ctrl() {
     for line in $lines; do
         text=${line%%$'\t'*}
         if [[ $text == */ || $text == *= ]]; then folders+=("$text"); else words_found+=("$text"); fi
-        described+=("${text//:/\\:}:${line#*$'\t'}")
+        described+=("${text//:/\\:}${${line#*$'\t'}:+:${line#*$'\t'}}")
     done
     if [[ $kind == words && $#folders -eq 0 ]]; then
         _describe 'maglev-ctrl' described
@@ -86,7 +85,8 @@ _FISH: Final = r"""# maglev-ctrl: completion for fish.  Save as ~/.config/fish/c
 function __maglev_ctrl_complete
     set -l words (commandline -opc)
     set -l current (commandline -ct)
-    $words[1] complete "--current=$current" -- $words[2..-1] 2>/dev/null | tail -n +2
+    set -l found (command $words[1] complete "--current=$current" -- $words[2..-1] 2>/dev/null)
+    string join \n -- $found[2..-1]
 end
 complete -c maglev-ctrl -f -a '(__maglev_ctrl_complete)'
 """
@@ -158,10 +158,10 @@ def candidates(group: Any, words: Sequence[str]) -> Candidates:
     }  # fmt: skip
     if current.startswith("--") and "=" in current:
         name, _, value = current.partition("=")
-        kind, found = _values(takes[name], verb, after, value) if name in takes else ("words", [])
+        kind, found = _values(command, takes[name], verb, after, value) if name in takes else ("words", [])
         return kind, [(f"{name}={text}", about) for text, about in found]
     if after and after[-1] in takes:
-        return _values(takes[after[-1]], verb, after, current)
+        return _values(command, takes[after[-1]], verb, after, current)
     if current.startswith("-"):
         return "words", _options(command.params, after, current)
     arguments = [one for one in command.params if one.param_type_name == "argument"]
@@ -170,7 +170,7 @@ def candidates(group: Any, words: Sequence[str]) -> Candidates:
     if verb == "help":
         return "words", _verbs(group, context, current)
     given = len(_positional(after, takes))
-    return _values(arguments[min(given, len(arguments) - 1)], verb, after, current)
+    return _values(command, arguments[min(given, len(arguments) - 1)], verb, after, current)
 
 
 def _joined(words: Sequence[str]) -> tuple[list[str], str]:
@@ -212,9 +212,18 @@ def _options(parameters: Sequence[Parameter], before: Sequence[str], current: st
     return found
 
 
-def _values(one: Parameter, verb: str, before: Sequence[str], current: str) -> Candidates:
+def _choices(command: Any, name: str) -> list[str]:
+    """Words of the enumeration that an option is declared with."""
+    kind = get_type_hints(inspect.unwrap(command.callback)).get(name)
+    for one in (kind, *get_args(kind)):
+        if isinstance(one, type) and issubclass(one, StrEnum):
+            return [choice.value for choice in one]
+    return []
+
+
+def _values(command: Any, one: Parameter, verb: str, before: Sequence[str], current: str) -> Candidates:
     """What one option or argument may be."""
-    choices = [str(getattr(choice, "value", choice)) for choice in getattr(one.type, "choices", ())]
+    choices = _choices(command, one.name)
     listed = _LISTED.search(one.help or "") if one.param_type_name == "option" else None
     if listed is not None:
         done, comma, last = current.rpartition(",")

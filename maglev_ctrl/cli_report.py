@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn, cast
 
@@ -53,7 +54,9 @@ def compare(
     scenario: ScenarioFile,
     out: OutFolder = None,
     jobs: Jobs = 2,
-    formats: Annotated[str, typer.Option("--format", "-f", help="Any of html, pdf, json, md, by commas.")] = "html,json",
+    formats: Annotated[
+        str, typer.Option("--format", "-f", help="Any of html, pdf, json, md, by commas.")
+    ] = "html,json",
     as_written: Annotated[
         bool, typer.Option("--as-written", help="Leave the options as they are written; nothing is tuned.")
     ] = False,
@@ -94,11 +97,13 @@ def _study_and_write(
     folder = out if out is not None else Path("out") / scenario.name
     require_writable(folder, results="report")
     try:
-        comparison = _run(scenario, jobs=jobs, tuned=tuned)
+        with progress(scenario.name) as tell:
+            comparison = _run(scenario, jobs=jobs, tuned=tuned, tell=tell)
+            tell("writing the report", 1.0)
 
-        from maglev_ctrl.report import write
+            from maglev_ctrl.report import write
 
-        paths = write(comparison, folder, formats=formats)
+            paths = write(comparison, folder, formats=formats)
     except KeyboardInterrupt:
         raise Stopped() from None
     try:
@@ -118,16 +123,14 @@ def _study_and_write(
     raise typer.Exit(_exit_code(comparison))
 
 
-def _run(scenario: Scenario, *, jobs: int, tuned: bool) -> Comparison:
-    """The study, with its progress on the terminal's error stream."""
+def _run(scenario: Scenario, *, jobs: int, tuned: bool, tell: Callable[[str, float], None]) -> Comparison:
     from maglev_ctrl import study
 
-    with progress(scenario.name) as tell:
-        if not tuned or scenario.tuning is None:
-            return study.run(scenario, jobs=jobs, progress=tell)
-        from maglev_ctrl.study.compare import compare as compare_options
+    if not tuned or scenario.tuning is None:
+        return study.run(scenario, jobs=jobs, progress=tell)
+    from maglev_ctrl.study.compare import compare as compare_options
 
-        return compare_options(scenario, jobs=jobs, progress=tell)
+    return compare_options(scenario, jobs=jobs, progress=tell)
 
 
 def _body(comparison: Comparison) -> dict[str, Any]:
