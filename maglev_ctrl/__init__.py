@@ -31,6 +31,11 @@ _HOMES = {
     "modes": "maglev_ctrl.analysis.modes",
     "floquet": "maglev_ctrl.analysis.floquet",
     "loop_margins": "maglev_ctrl.analysis.margins",
+    "to_python_control": "maglev_ctrl.synthesis.interchange",
+    "from_python_control": "maglev_ctrl.synthesis.interchange",
+    "loop_from_python_control": "maglev_ctrl.synthesis.interchange",
+    "to_dataset": "maglev_ctrl.report.notebook",
+    "to_frame": "maglev_ctrl.report.notebook",
     "load": "maglev_ctrl.scenario",
     "run": "maglev_ctrl.study",
 }

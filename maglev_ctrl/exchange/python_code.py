@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from maglev_ctrl.arrays import FloatArray
+from maglev_ctrl.synthesis.interchange import allowed_names
 from maglev_ctrl.systems import Controller
 
 
@@ -35,8 +34,8 @@ def python_source(controller: Controller, *, origin: str = "") -> str:
         "law = control.ss(",
         "    A, B, C, D,",
         f"    {dt},",
-        f"    inputs={_allowed(controller.measured)!r},",
-        f"    outputs={_allowed(controller.commands)!r},",
+        f"    inputs={allowed_names(controller.measured)!r},",
+        f"    outputs={allowed_names(controller.commands)!r},",
         ")",
         "",
     ]
@@ -50,17 +49,6 @@ def _matrix(matrix: FloatArray) -> str:
     if len(rows) == 1:
         return f"np.array([{rows[0]}])"
     return "np.array([\n    " + ",\n    ".join(rows) + ",\n])"
-
-
-def _allowed(names: Sequence[str]) -> list[str]:
-    """Names without dots, all different."""
-    found: list[str] = []
-    for name in names:
-        plain = name.replace(".", "_")
-        while plain in found:
-            plain += "_"
-        found.append(plain)
-    return found
 
 
 def _quoted(text: str) -> str:
