@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -102,6 +103,17 @@ def best_view(vehicle: Vehicle, outline: tuple[Box, ...], shape: ComplexArray) -
             moved = displacement(box, corners(box, view), motion(vehicle, shape, box.body))
             total += float(np.sum(np.abs(moved[:, list(axes)]) ** 2))
         seen[view] = total
+    return clearest_view(seen)
+
+
+def clearest_view(seen: Mapping[View, float]) -> View:
+    """The view with the largest motion; the side view unless another shows clearly more.
+
+    Examples
+    --------
+    >>> clearest_view({"side": 1.0, "front": 1.1, "top": 0.0}), clearest_view({"side": 1.0, "front": 2.0, "top": 0.0})
+    ('side', 'front')
+    """
     best = max(seen, key=lambda view: seen[view])
     return best if seen[best] > 1.2 * seen["side"] else "side"
 
@@ -121,7 +133,16 @@ def metre(low: FloatArray, high: FloatArray) -> float:
 def at_largest(vehicle: Vehicle, outline: tuple[Box, ...], shape: ComplexArray, view: View) -> ComplexArray:
     """The shape scaled to largest corner displacement 1 and turned in phase so that its real part is largest."""
     moved = np.concatenate([displacement(b, corners(b, view), motion(vehicle, shape, b.body)) for b in outline])
-    seen = moved[:, list(AXES[view])].ravel()
-    size = float(np.max(np.abs(seen))) or 1.0
-    turn = np.exp(-0.5j * np.angle(np.sum(seen**2)))
-    return np.asarray(shape * turn / size)
+    return np.asarray(shape * to_largest(moved[:, list(AXES[view])].ravel()))
+
+
+def to_largest(seen: ComplexArray) -> complex:
+    """The factor that makes the largest of the displacements (k,) one and their real parts as large as can be.
+
+    Examples
+    --------
+    >>> bool(np.isclose(to_largest(np.array([2j, 1j])) * 2j, 1.0))
+    True
+    """
+    size = float(np.max(np.abs(seen), initial=0.0)) or 1.0
+    return complex(np.exp(-0.5j * np.angle(np.sum(seen**2))) / size)

@@ -13,7 +13,7 @@ from maglev_ctrl.report.model import SIGNS, Cell, cell
 from maglev_ctrl.report.style import FAIL_COLOUR, number
 from maglev_ctrl.study.live.records import LiveComparison
 from maglev_ctrl.workbench.style import INKED, LIGHT, dress
-from maglev_ctrl.workbench.views.frame import frame, hover, words_block
+from maglev_ctrl.workbench.views.frame import frame, hover, palette_mapper, words_block
 from maglev_ctrl.workbench.views.table import TABLE_STYLE, escaped, table_html
 
 # field of the record, words, unit on the axis, factor to it, and whether low values are the bad ones
@@ -61,7 +61,9 @@ class ComparisonView:
         label = f"{words} ({unit})" if unit else words
         drawn = frame(f"comparison-{name}", words.capitalize(), x_label=label, y_label="", height=200, zoom=False)
         drawn.min_width = 130
-        drawn.y_range, drawn.x_range = self._names, DataRange1d(range_padding=0.18, min_interval=1e-6)
+        drawn.y_range, drawn.x_range = self._names, DataRange1d(range_padding=0.18)
+        if name == "disk_margin":
+            drawn.x_range.start = 0.0
         axis = drawn.yaxis[0]
         axis.ticker = self._ticker
         axis.formatter = CustomJSTickFormatter(args={"source": self.options}, code=_NAME if place == 0 else "return ''")
@@ -82,8 +84,9 @@ class ComparisonView:
                 )
             )
         drawn.add_layout(Span(location=0.0, dimension="height", line_color=LIGHT.ink, line_width=1.0, tags=[INKED]))
+        paint = {"field": "tint", "transform": palette_mapper()}
         marks = drawn.scatter(
-            name, "slot", source=self.options, size="size", marker="marker", fill_color="tint", line_color="tint",
+            name, "slot", source=self.options, size="size", marker="marker", fill_color=paint, line_color=paint,
             line_width=2.0,
         )  # fmt: skip
         drawn.add_tools(hover([marks], [("option", "@label"), (words, f"@{name}{{0.0000}} {unit}"),
@@ -100,7 +103,7 @@ class ComparisonView:
         self.options.data = {
             "label": list(found.labels), "current": mine, "slot": -np.arange(count, dtype=float),
             "size": np.where(mine, 15.0, 10.0), "marker": ["diamond" if one else "circle" for one in mine],
-            "tint": [LIGHT.palette[1] if one else LIGHT.palette[0] for one in mine],
+            "tint": np.array(mine, dtype=np.int32),
             "verdict": [f"{SIGNS[one]} {one.value}" for one in found.verdicts],
             **{name: factor * np.asarray(getattr(found, name), float) for name, _, _, factor, _ in QUANTITIES},
         }  # fmt: skip
@@ -140,5 +143,7 @@ def _table(found: LiveComparison, current: str) -> str:
 
 def _no_options() -> dict[str, Any]:
     names = ("slot", "size", *(one[0] for one in QUANTITIES))
-    return {**{name: np.zeros(0) for name in names}, "label": [], "current": [], "marker": [], "tint": [],
-            "verdict": []}  # fmt: skip
+    return {
+        **{name: np.zeros(0) for name in names}, "label": [], "current": [], "marker": [], "verdict": [],
+        "tint": np.zeros(0, dtype=np.int32),
+    }  # fmt: skip

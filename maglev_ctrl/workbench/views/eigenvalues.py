@@ -6,7 +6,18 @@ from typing import Any, Final
 
 import numpy as np
 from bokeh.layouts import column
-from bokeh.models import BoxAnnotation, ColumnDataSource, CustomJS, Label, Range1d, Select, Slope, TapTool
+from bokeh.models import (
+    BoxAnnotation,
+    ColumnDataSource,
+    CustomJS,
+    Label,
+    Legend,
+    LegendItem,
+    Range1d,
+    Select,
+    Slope,
+    TapTool,
+)
 
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.report.charts_modes import growth_window
@@ -14,7 +25,7 @@ from maglev_ctrl.report.style import FAIL_COLOUR, number
 from maglev_ctrl.study.live.records import LiveView
 from maglev_ctrl.workbench.style import BAD, FADED, FONT, FONT_SIZE, INKED, LIGHT, MARKERS, dress
 from maglev_ctrl.workbench.views.cursor import MOVE, Cursor
-from maglev_ctrl.workbench.views.frame import frame, hover, palette_mapper, words_only
+from maglev_ctrl.workbench.views.frame import frame, hover, palette_mapper, widget_style, words_only
 from maglev_ctrl.workbench.views.shown import ShownMode, default_mode, mode_words, shown_modes
 
 _DASHES: Final = ("solid", "dashed", "dotted", "dashdot")
@@ -78,12 +89,18 @@ class EigenvalueView:
         self.grid = ColumnDataSource({"speed": np.zeros(0), "own": np.zeros(0)})
         self.tracks = ColumnDataSource({"x": [], "y": [], "colour": [], "dash": [], "label": []})
         self.marks = ColumnDataSource(_no_marks())
+        self.signs = ColumnDataSource(_signs(()))
         self.figure = frame(
-            "eigenvalues", "Eigenvalues over speed", x_label="growth rate Re s (1/s)", y_label="frequency (Hz)",
-            height=380,
+            "eigenvalues", "Eigenvalues over speed", y_label="frequency (Hz)", height=380,
+            x_label="growth rate Re s (1/s); dotted: damping ratio 2, 5, 10, 30 %",
         )  # fmt: skip
         self.picker = Select(
-            title="Mode looked at", options=[("0", _NONE)], value="0", name="mode-picker", sizing_mode="stretch_width"
+            title="Mode looked at",
+            options=[("0", _NONE)],
+            value="0",
+            name="mode-picker",
+            sizing_mode="stretch_width",
+            stylesheets=[widget_style()],
         )
         self._window: tuple[float, float, float, float] | None = None
         self._draw()
@@ -124,7 +141,7 @@ class EigenvalueView:
         drawn.add_layout(
             Label(
                 x=0.0,
-                y=4,
+                y=24,
                 y_units="screen",
                 x_offset=6,
                 text="unstable",
@@ -140,7 +157,7 @@ class EigenvalueView:
                          line_alpha=0.85)  # fmt: skip
         self.renderer = drawn.scatter(
             "x", "y", source=self.marks, marker="marker", size="size", fill_color=paint, line_color=LIGHT.ink,
-            line_width="edge", fill_alpha=0.95, legend_field="label", nonselection_fill_alpha=0.95,
+            line_width="edge", fill_alpha=0.95, nonselection_fill_alpha=0.95,
             nonselection_line_alpha=1.0,
         )  # fmt: skip
         self.renderer.glyph.tags = [INKED]
@@ -151,12 +168,18 @@ class EigenvalueView:
             ])
         )  # fmt: skip
         drawn.add_tools(TapTool(renderers=[self.renderer], visible=False))
-        legend = drawn.legend[0]
+        signs = drawn.scatter(
+            "x", "y", source=self.signs, marker="marker", size=11, fill_color=paint, line_color=LIGHT.ink,
+            line_width=0.8, fill_alpha=0.95,
+        )  # fmt: skip
+        signs.glyph.tags = [INKED]
+        # A source of its own: a legend draws its signs anew, and too early, whenever its source changes.
+        legend = Legend(
+            items=[LegendItem(label={"field": "label"}, renderers=[signs])], orientation="horizontal", ncols=3,
+            label_text_font=FONT, label_text_font_size="11px", background_fill_alpha=0.0, border_line_alpha=0.0,
+            spacing=2, padding=0, margin=0,
+        )  # fmt: skip
         drawn.add_layout(legend, "below")
-        legend.orientation, legend.ncols = "horizontal", 3
-        legend.label_text_font, legend.label_text_font_size = FONT, "11px"
-        legend.background_fill_alpha = legend.border_line_alpha = 0.0
-        legend.spacing, legend.padding, legend.margin = 2, 0, 0
 
     def _link(self) -> None:
         args = {
@@ -183,6 +206,9 @@ class EigenvalueView:
         self.cursor.keep(labels, default_mode(shown, view.modes))
         self._show_tracks(view, shown)
         self.marks.data = _marks(view, shown, self.cursor.mode)
+        signs = _signs(shown)
+        if signs["label"] != self.signs.data["label"]:
+            self.signs.data = signs
         self.picker.options = [
             (str(k), f"{one.label}: {mode_words(view.modes, one.mode)}") for k, one in enumerate(shown)
         ] or [("0", _NONE)]
@@ -243,6 +269,16 @@ def _no_marks() -> dict[str, Any]:
     return {
         **{name: np.zeros(0) for name in names}, "colour": np.zeros(0, dtype=np.int32),
         "row": np.zeros(0, dtype=np.int32), "marker": [], "label": [], "kind": [],
+    }  # fmt: skip
+
+
+def _signs(shown: tuple[ShownMode, ...]) -> dict[str, Any]:
+    """Signs of the legend, which stand nowhere in the plane."""
+    nowhere = np.full(len(shown), np.nan)
+    return {
+        "x": nowhere, "y": nowhere, "label": [one.label for one in shown],
+        "colour": np.array([one.colour % len(LIGHT.palette) for one in shown], dtype=np.int32),
+        "marker": [MARKERS[one.colour % len(MARKERS)] for one in shown],
     }  # fmt: skip
 
 

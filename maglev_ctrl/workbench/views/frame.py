@@ -10,6 +10,8 @@ from bokeh.models import (
     Div,
     HoverTool,
     InlineStyleSheet,
+    Legend,
+    LegendItem,
     LinearColorMapper,
     PanTool,
     ResetTool,
@@ -26,6 +28,13 @@ WORDS_STYLE = f"""
 p {{ margin: 0.2em 0; }}
 .quiet {{ color: var(--wb-faded, {LIGHT.faded}); }}
 .checked {{ font-weight: 600; }}
+"""
+
+_WIDGET_STYLE = f"""
+:host {{ color: var(--wb-ink, {LIGHT.ink}); font-family: {FONT}; }}
+.bk-input, .bk-btn, .bk-btn:hover, .bk-btn.bk-active {{ background-color: var(--wb-paper, {LIGHT.paper});
+  color: var(--wb-ink, {LIGHT.ink}); border-color: var(--wb-faded, {LIGHT.faded}); }}
+.bk-btn.bk-active {{ border-width: 2px; font-weight: 600; }}
 """
 
 
@@ -110,6 +119,16 @@ def words_block(name: str, html: str = "") -> Div:
     )  # fmt: skip
 
 
-def failure_words(view_failure: str, reason: str) -> str:
-    """Why a view is empty, in one sentence."""
-    return view_failure or reason
+def sample_legend(drawn: Any, samples: list[tuple[str, Any]], *, columns: int = 3) -> None:
+    """A legend below a figure whose signs do not depend on what is shown at the moment."""
+    legend = Legend(
+        items=[LegendItem(label=words, renderers=[sign]) for words, sign in samples], orientation="horizontal",
+        ncols=columns, label_text_font=FONT, label_text_font_size="11px", background_fill_alpha=0.0,
+        border_line_alpha=0.0, spacing=8, padding=0, margin=0,
+    )  # fmt: skip
+    drawn.add_layout(legend, "below")
+
+
+def widget_style() -> InlineStyleSheet:
+    """Inputs in the colours of the page's theme."""
+    return InlineStyleSheet(css=_WIDGET_STYLE)

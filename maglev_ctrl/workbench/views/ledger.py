@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -21,10 +22,9 @@ from maglev_ctrl.analysis.modes import Modes
 from maglev_ctrl.report.groups import ledger_groups
 from maglev_ctrl.report.style import number
 from maglev_ctrl.study.live.records import LiveView
-from maglev_ctrl.systems import SecondOrderSystem
 from maglev_ctrl.workbench.style import INKED, LIGHT, SOLID, dress
 from maglev_ctrl.workbench.views.cursor import Cursor
-from maglev_ctrl.workbench.views.frame import frame, hover, words_block, words_only
+from maglev_ctrl.workbench.views.frame import frame, hover, sample_legend, words_block, words_only
 from maglev_ctrl.workbench.views.shown import default_mode, mode_words, shown_modes
 from maglev_ctrl.workbench.views.table import escaped
 
@@ -108,23 +108,36 @@ class LedgerView:
             bar = drawn.hbar(
                 y=at, right=name, left=0.0, height=0.36, source=self.rows, view=view, fill_color=tint,
                 line_color=tint, fill_alpha=0.9 if pattern is None else 0.35, hatch_pattern=pattern, hatch_color=tint,
-                hatch_scale=8.0, hatch_weight=1.6, legend_label="through damping" if pattern is None else
-                "through circulation (non-symmetric stiffness)",
+                hatch_scale=8.0, hatch_weight=1.6,
             )  # fmt: skip
             bars.append(bar)
         total = drawn.scatter(
             "total", "slot", source=self.rows, view=view, marker="diamond", size=14, fill_color=LIGHT.ink,
-            line_color=LIGHT.ink, legend_label=SUM,
+            line_color=LIGHT.ink,
         )  # fmt: skip
         total.glyph.tags = [INKED, SOLID]
         drawn.add_tools(
             hover(bars, [("element", "@name"), ("through damping", "@damping{0.00000} 1/s"),
                          ("through circulation", "@circulatory{0.00000} 1/s")])
         )  # fmt: skip
-        legend = drawn.legend[0]
-        drawn.add_layout(legend, "below")
-        legend.orientation, legend.ncols, legend.label_text_font_size = "horizontal", 3, "11px"
-        legend.background_fill_alpha = legend.border_line_alpha = 0.0
+        sample_legend(drawn, self._samples())
+
+    def _samples(self) -> list[tuple[str, Any]]:
+        """Signs of the legend."""
+        drawn, samples = self.figure, []
+        for words, tint, pattern in (
+            ("through damping", LIGHT.palette[0], None),
+            ("through circulation (non-symmetric stiffness)", LIGHT.palette[1], "/"),
+        ):
+            sign = drawn.hbar(
+                y=[np.nan], right=[np.nan], left=[np.nan], height=0.3, fill_color=tint, line_color=tint,
+                fill_alpha=0.9 if pattern is None else 0.35, hatch_pattern=pattern, hatch_color=tint, hatch_scale=8.0,
+                hatch_weight=1.6,
+            )  # fmt: skip
+            samples.append((words, sign))
+        total = drawn.scatter([np.nan], [np.nan], marker="diamond", size=13, fill_color=LIGHT.ink, line_color=LIGHT.ink)
+        total.glyph.tags = [INKED, SOLID]
+        return [*samples, (SUM, total)]
 
     def _link(self) -> None:
         args = {
@@ -143,9 +156,10 @@ class LedgerView:
             return
         shown = shown_modes(view)
         self.cursor.keep(tuple(one.label for one in shown), default_mode(shown, view.modes))
+        groups = ledger_groups(view.system, view.modes.ledger)
         tables, titles, words = [], [], []
         for place, one in enumerate(shown):
-            rows, said = ledger_rows(view.system, view.modes, one.mode)
+            rows, said = ledger_rows(groups, view.modes, one.mode)
             tables.append((place, rows))
             titles.append(words_only(f"Energy ledger of {one.label}"))
             words.append(f'<p class="quiet">{escaped(said)}</p>')
@@ -154,7 +168,7 @@ class LedgerView:
         place = min(max(self.cursor.mode, 0), len(shown) - 1)
         if place >= 0:
             self.figure.title.text, self.words.text = titles[place], words[place]
-            rows, said = tables[place][1], ledger_rows(view.system, view.modes, shown[place].mode)[1]
+            rows, said = tables[place][1], ledger_rows(groups, view.modes, shown[place].mode)[1]
             told = ", ".join(f"{name} {number(a + b, '1/s')}" for name, a, b in rows[:3])
             label = shown[place].label
             self.summary = f"Energy ledger of {label} ({mode_words(view.modes, shown[place].mode)}): {told or said}"
@@ -168,10 +182,10 @@ class LedgerView:
         self.summary = f"Energy ledger: {reason}"
 
 
-def ledger_rows(system: SecondOrderSystem, found: Modes, mode: int) -> tuple[list[tuple[str, float, float]], str]:
+def ledger_rows(groups: Mapping[str, list[int]], found: Modes, mode: int) -> tuple[list[tuple[str, float, float]], str]:
     """(element, damping share, circulatory share) in 1/s of one mode, largest first, and a sentence about them.
 
-    Elements of one family stand together, as in the printed ledger; what does not fit is one last row. Without rows
+    `groups`: which elements stand together, as in the printed ledger; what does not fit is one last row. Without rows
     the sentence says why there is no split.
     """
     damping, circulatory = found.ledger.damping[:, mode], found.ledger.circulatory[:, mode]
@@ -183,7 +197,6 @@ def ledger_rows(system: SecondOrderSystem, found: Modes, mode: int) -> tuple[lis
         else:
             why = "no element does net work over a cycle, or rounding hides what it does"
         return [], f"There is no ledger: {why}."
-    groups = ledger_groups(system, found.ledger)
     rows = [
         (name, float(np.sum(damping[members])), float(np.sum(circulatory[members]))) for name, members in groups.items()
     ]

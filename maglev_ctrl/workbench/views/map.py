@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 import numpy as np
+from bokeh.core.properties import value
 from bokeh.events import Pan, PanEnd, PanStart, Tap
 from bokeh.layouts import column
 from bokeh.models import (
@@ -12,9 +13,8 @@ from bokeh.models import (
     ColumnDataSource,
     CustomJS,
     CustomJSHover,
+    CustomJSTickFormatter,
     HoverTool,
-    Legend,
-    LegendItem,
     LinearColorMapper,
     Range1d,
     Span,
@@ -24,9 +24,9 @@ from maglev_ctrl.analysis.plane_records import NO_ANSWER, UNRESOLVED, UNSTABLE
 from maglev_ctrl.report.raster import outer_edges, rectangles
 from maglev_ctrl.report.style import ON_MAP, RAMPS, Ramp, number
 from maglev_ctrl.study.live.records import LiveMap, LiveView
-from maglev_ctrl.workbench.style import FONT, FONT_SIZE, dress
+from maglev_ctrl.workbench.style import FONT, FONT_SIZE, INKED, LIGHT, dress
 from maglev_ctrl.workbench.views.cursor import MOVE, Cursor
-from maglev_ctrl.workbench.views.frame import frame, words_block, words_only
+from maglev_ctrl.workbench.views.frame import frame, sample_legend, words_block, words_only
 from maglev_ctrl.workbench.views.map_image import boundary_line, even_map, map_words, state_words
 from maglev_ctrl.workbench.views.table import escaped
 
@@ -109,46 +109,49 @@ class MapView:
             "left", "right", "bottom", "top", source=self.cells, fill_color=None, line_color=None,
             hatch_pattern="pattern", hatch_color=ON_MAP, hatch_alpha=0.42, hatch_scale=9.0, hatch_weight=0.7,
         )  # fmt: skip
-        edge = drawn.line("x", "y", source=self.line, line_color=ON_MAP, line_width=1.6)
+        drawn.line("x", "y", source=self.line, line_color=ON_MAP, line_width=1.6)
         drawn.text(
-            "x", "y", "text", source=self.names, text_font=FONT, text_font_size=FONT_SIZE, text_color=ON_MAP,
-            text_align="center", text_baseline="middle", text_outline_color="#ffffff", background_fill_color="#ffffff",
+            "x", "y", "text", source=self.names, text_font=value(FONT), text_font_size=FONT_SIZE, text_color=ON_MAP,
+            text_align="center", text_baseline="middle", background_fill_color="#ffffff",
             background_fill_alpha=0.85, padding=2, border_radius=3,
         )  # fmt: skip
         self.upright = Span(location=0.0, dimension="height", line_color=ON_MAP, line_width=1.2, line_dash="dashed")
         self.level = Span(location=0.0, dimension="width", line_color=ON_MAP, line_width=1.2, line_dash="dashed")
         for span in (self.upright, self.level):
             drawn.add_layout(span)
-        here = drawn.scatter(
+        drawn.scatter(
             "x", "y", source=self.at, size=15, marker="circle_cross", fill_color="#ffffff", fill_alpha=0.75,
             line_color=ON_MAP, line_width=2.0,
         )  # fmt: skip
         drawn.add_tools(_hover(below))
-        self._legend(edge, here)
+        self._legend()
         for mapper, words in ((self.growing, "growth (1/s)"), (self.decaying, "decay (1/s)")):
             bar = ColorBar(
                 color_mapper=mapper, title=words, width=10, height="auto", title_text_font=FONT, location=(4, 0),
                 title_text_font_size="11px", title_text_font_style="normal", major_label_text_font=FONT,
                 major_label_text_font_size="11px", background_fill_alpha=0.0, padding=2, title_standoff=4,
-                margin=2,
+                margin=2, formatter=CustomJSTickFormatter(code="return `${Math.abs(Number(tick.toPrecision(4)))}`"),
             )  # fmt: skip
             drawn.add_layout(bar, "right")
 
-    def _legend(self, edge: Any, here: Any) -> None:
+    def _legend(self) -> None:
         """What stands for what, without names of the scenario: hatches, the line and the cross-hair."""
         drawn = self.figure
-        items = [LegendItem(label="cursor", renderers=[here]), LegendItem(label="boundary", renderers=[edge])]
+        place = ([np.nan], [np.nan])
+        here = drawn.scatter(
+            *place, size=13, marker="circle_cross", fill_color=None, line_color=LIGHT.ink, line_width=2
+        )
+        edge = drawn.line(*place, line_color=LIGHT.ink, line_width=1.6)
+        samples = [("cursor: tap or drag", here), ("boundary", edge)]
+        for _, sign in samples:
+            sign.glyph.tags = [INKED]
         for state, words in ((UNSTABLE, "unstable"), (UNRESOLVED, "UNRESOLVED"), (NO_ANSWER, "no answer")):
             sign = drawn.quad(
-                [np.nan], [np.nan], [np.nan], [np.nan], fill_color=_STATES[state + 1], line_color="#5f6670",
-                hatch_pattern=_PATTERNS[state], hatch_color=ON_MAP, hatch_alpha=0.6, hatch_scale=7.0, hatch_weight=0.8,
+                *place, *place, fill_color=_STATES[state + 1], line_color="#5f6670", hatch_pattern=_PATTERNS[state],
+                hatch_color=ON_MAP, hatch_alpha=0.6, hatch_scale=7.0, hatch_weight=0.8,
             )  # fmt: skip
-            items.append(LegendItem(label=words, renderers=[sign]))
-        legend = Legend(
-            items=items, orientation="horizontal", label_text_font=FONT, label_text_font_size="11px",
-            background_fill_alpha=0.0, border_line_alpha=0.0, spacing=10, padding=0, margin=0, ncols=3,
-        )  # fmt: skip
-        drawn.add_layout(legend, "below")
+            samples.append((words, sign))
+        sample_legend(drawn, samples, columns=5)
 
     def _link(self) -> None:
         args = {
@@ -169,12 +172,11 @@ class MapView:
         shown = even_map(view.map)
         x, y = KILOMETRES_PER_HOUR * shown.speed, PER_CENT * shown.depth
         (left, right), (low, high) = outer_edges(x), outer_edges(y)
-        low = max(low, 0.0) if float(y[0]) > 0.0 else low
         self.image.data = {
             "growth": [np.asarray(shown.signed, dtype=np.float32)], "state": [np.asarray(shown.state, np.float32)],
             "x": [left], "y": [low], "dw": [right - left], "dh": [high - low],
         }  # fmt: skip
-        for range_, start, end in ((self.figure.x_range, left, right), (self.figure.y_range, low, high)):
+        for range_, start, end in ((self.figure.x_range, left, right), (self.figure.y_range, max(low, 0.0), high)):
             if (range_.start, range_.end) != (start, end):
                 range_.update(start=start, end=end)
         self._limits(shown.signed)
@@ -248,8 +250,8 @@ def _cells(x: np.ndarray[Any, Any], y: np.ndarray[Any, Any], state: np.ndarray[A
     """Rectangles of everything that is not stable, each with the hatch of its state."""
     found: list[tuple[float, float, float, float]] = []
     patterns: list[str] = []
-    for value, pattern in _PATTERNS.items():
-        own = rectangles(x, y, state == value) if np.any(state == value) else []
+    for sort, pattern in _PATTERNS.items():
+        own = rectangles(x, y, state == sort) if np.any(state == sort) else []
         found += own
         patterns += [pattern] * len(own)
     table = np.array(found, dtype=float).reshape(-1, 4)

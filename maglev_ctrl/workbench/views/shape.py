@@ -6,15 +6,24 @@ from importlib.resources import files
 from typing import Any, Final
 
 import numpy as np
+from bokeh.core.properties import value
 from bokeh.layouts import column, row
 from bokeh.models import ColumnDataSource, CustomJS, Range1d, Slider, Toggle
 
 from maglev_ctrl.analysis.modes import Modes
+from maglev_ctrl.arrays import ComplexArray
 from maglev_ctrl.study.live.records import LiveView
 from maglev_ctrl.workbench.style import FADED, FONT, INKED, LIGHT, dress
 from maglev_ctrl.workbench.views.cursor import Cursor
-from maglev_ctrl.workbench.views.frame import frame, palette_mapper, words_block, words_only
-from maglev_ctrl.workbench.views.shape_parts import AXIS_WORDS, MovingShape, moving_shape
+from maglev_ctrl.workbench.views.frame import (
+    frame,
+    palette_mapper,
+    sample_legend,
+    widget_style,
+    words_block,
+    words_only,
+)
+from maglev_ctrl.workbench.views.shape_parts import AXIS_WORDS, Scene, moved
 from maglev_ctrl.workbench.views.shown import ShownMode, default_mode, mode_words, shown_modes
 from maglev_ctrl.workbench.views.table import escaped
 
@@ -49,10 +58,19 @@ class ShapeView:
         self.rail = ColumnDataSource({"x": np.zeros(0), "y": np.zeros(0)})
         self.names = ColumnDataSource({"x": np.zeros(0), "y": np.zeros(0), "text": []})
         self.figure = frame("shape", "Mode shape", x_label="along the track (m)", y_label="", height=280, zoom=False)
-        self.play = Toggle(label=PAUSE, active=True, name="shape-play", width=80)
-        self.grow = Toggle(label="Show growth and decay", active=False, name="shape-grow", width=190)
+        self.play = Toggle(label=PAUSE, active=True, name="shape-play", width=80, stylesheets=[widget_style()])
+        self.grow = Toggle(
+            label="Show growth and decay", active=False, name="shape-grow", width=190, stylesheets=[widget_style()]
+        )
         self.amplitude = Slider(
-            start=0.0, end=3.0, step=0.1, value=1.0, title="Amplitude", name="shape-amplitude", width=170
+            start=0.0,
+            end=3.0,
+            step=0.1,
+            value=1.0,
+            title="Amplitude",
+            name="shape-amplitude",
+            width=170,
+            stylesheets=[widget_style()],
         )
         self.words = words_block("shape-words")
         self._draw()
@@ -75,19 +93,19 @@ class ShapeView:
         rail.glyph.tags = [INKED]
         for kind, width in (("spring", 1.4), ("actuator", 4.0), ("magnet", 3.2)):
             made = drawn.line("x", "y", source=self.strokes[kind], line_color=LIGHT.ink, line_width=width,
-                              line_join="round", line_cap="butt" if kind == "magnet" else "round",
-                              legend_label={"spring": "springs and dampers", "actuator": "actuators",
-                                            "magnet": "magnets"}[kind])  # fmt: skip
+                              line_join="round", line_cap="butt" if kind == "magnet" else "round")  # fmt: skip
             made.glyph.tags = [INKED]
         drawn.patches("xs", "ys", source=self.boxes, fill_color=paint, line_color=paint, fill_alpha=0.45,
                       line_width=2.2)  # fmt: skip
-        words = drawn.text("x", "y", "text", source=self.names, text_font=FONT, text_font_size="12px",
+        named = drawn.text("x", "y", "text", source=self.names, text_font=value(FONT), text_font_size="12px",
                            text_align="center", text_baseline="middle", text_color=LIGHT.ink)  # fmt: skip
-        words.glyph.tags = [INKED]
-        legend = drawn.legend[0]
-        drawn.add_layout(legend, "below")
-        legend.orientation, legend.label_text_font, legend.label_text_font_size = "horizontal", FONT, "11px"
-        legend.background_fill_alpha = legend.border_line_alpha = 0.0
+        named.glyph.tags = [INKED]
+        samples = []
+        for words, width in (("springs and dampers", 1.4), ("actuators", 4.0), ("magnets", 3.2)):
+            sign = drawn.line([np.nan], [np.nan], line_color=LIGHT.ink, line_width=width)
+            sign.glyph.tags = [INKED]
+            samples.append((words, sign))
+        sample_legend(drawn, samples)
 
     def _link(self) -> None:
         args = {
@@ -113,13 +131,13 @@ class ShapeView:
             return
         shown = shown_modes(view)
         self.cursor.keep(tuple(one.label for one in shown), default_mode(shown, view.modes))
-        shapes = [moving_shape(view.vehicle, view.modes.shapes[:, one.mode]) for one in shown]
+        shapes = [moved(view.vehicle, view.modes.shapes[:, one.mode]) for one in shown]
         self.points.data = _points(shapes)
         self.modes.data = _modes(view.modes, shown, shapes)
         place = self.cursor.mode
         if 0 <= place < len(shown):
             one = shown[place]
-            seen = AXIS_WORDS[shapes[place].view][1]
+            seen = AXIS_WORDS[shapes[place][0].view][1]
             self.summary = f"Mode shape of {one.label} ({mode_words(view.modes, one.mode)}), {seen}."
             self.figure.title.text = words_only(f"Mode shape: {one.label}")
 
@@ -131,55 +149,45 @@ class ShapeView:
         self.summary = f"Mode shape: {reason}"
 
 
-def _points(shapes: list[MovingShape]) -> dict[str, Any]:
+def _points(shapes: list[tuple[Scene, ComplexArray]]) -> dict[str, Any]:
     """All points of all parts one after the other; `part` counts them up, `kind` and `colour` say what they are."""
-    kinds = ("box", "magnet", "spring", "actuator")
-    columns: dict[str, list[Any]] = {name: [] for name in ("mode", "part", "kind", "colour")}
-    rest, moved = [np.zeros((0, 2))], [np.zeros((0, 2), dtype=complex)]
-    count = 0
-    for place, shape in enumerate(shapes):
-        for part in shape.parts:
-            size = len(part.rest)
-            columns["mode"].append(np.full(size, place))
-            columns["part"].append(np.full(size, count))
-            columns["kind"].append(np.full(size, kinds.index(part.kind)))
-            columns["colour"].append(np.full(size, part.colour % len(LIGHT.palette)))
-            rest.append(part.rest)
-            moved.append(part.moved)
-            count += 1
-    at, step = np.concatenate(rest), np.concatenate(moved)
-    numbers = {"x": at[:, 0], "y": at[:, 1], "x_re": step[:, 0].real, "x_im": step[:, 0].imag,
-               "y_re": step[:, 1].real, "y_im": step[:, 1].imag}  # fmt: skip
+    counts = np.cumsum([0, *(int(scene.part[-1]) + 1 for scene, _ in shapes)])
+    steps = np.concatenate([np.zeros((0, 2), dtype=complex), *(step for _, step in shapes)])
+    rest = np.concatenate([np.zeros((0, 2)), *(scene.rest for scene, _ in shapes)])
+    whole: dict[str, list[Any]] = {
+        "mode": [np.full(len(scene.rest), place) for place, (scene, _) in enumerate(shapes)],
+        "part": [scene.part + first for (scene, _), first in zip(shapes, counts, strict=False)],
+        "kind": [scene.kind for scene, _ in shapes],
+        "colour": [scene.colour % len(LIGHT.palette) for scene, _ in shapes],
+    }
+    numbers = {"x": rest[:, 0], "y": rest[:, 1], "x_re": steps[:, 0].real, "x_im": steps[:, 0].imag,
+               "y_re": steps[:, 1].real, "y_im": steps[:, 1].imag}  # fmt: skip
     return {
-        **{name: np.concatenate([np.zeros(0), *made]).astype(np.int32) for name, made in columns.items()},
+        **{name: np.concatenate([np.zeros(0), *made]).astype(np.int32) for name, made in whole.items()},
         **{name: np.asarray(values, dtype=np.float32) for name, values in numbers.items()},
     }
 
 
-def _modes(found: Modes, shown: tuple[ShownMode, ...], shapes: list[MovingShape]) -> dict[str, Any]:
+def _modes(found: Modes, shown: tuple[ShownMode, ...], shapes: list[tuple[Scene, ComplexArray]]) -> dict[str, Any]:
     """One row per mode: where it is seen from, its window, its cycle, and what is said of it."""
     cycle, swings, words, labels = [], [], [], []
-    names_x, names_y, names_text = [], [], []
-    for one, shape in zip(shown, shapes, strict=True):
+    for one, (scene, _) in zip(shown, shapes, strict=True):
         s = complex(found.s[one.mode])
         oscillates = s.imag > found.error_bound[one.mode]
         factor = np.exp(2.0 * np.pi * s.real / s.imag) if oscillates else np.exp(np.sign(s.real))
         cycle.append(float(np.clip(factor, LEAST_CYCLE, 1.0 / LEAST_CYCLE)))
         swings.append(1 if oscillates else 0)
         labels.append(words_only(f"Mode shape: {one.label}"))
-        said = f"{mode_words(found, one.mode)}; {AXIS_WORDS[shape.view][1]}, displacements and heights not to scale."
+        said = f"{mode_words(found, one.mode)}; {AXIS_WORDS[scene.view][1]}, displacements and heights not to scale."
         words.append(f'<p class="quiet">{escaped(said)}</p>')
-        named = [part for part in shape.parts if part.kind == "box"]
-        names_x.append(np.array([float(np.mean(part.rest[:, 0])) for part in named]))
-        names_y.append(np.array([float(np.mean(part.rest[:, 1])) for part in named]))
-        names_text.append([part.name for part in named])
-    window = np.array([shape.window for shape in shapes]).reshape(-1, 4)
+    drawn = [scene for scene, _ in shapes]
+    window = np.array([scene.window for scene in drawn]).reshape(-1, 4)
     return {
         **{name: window[:, k].copy() for k, name in enumerate(("left", "right", "bottom", "top"))},
-        "level": np.array([shape.rail[0, 1] if len(shape.rail) else np.nan for shape in shapes]),
-        "axis": [AXIS_WORDS[shape.view][0] for shape in shapes], "cycle": np.array(cycle),
-        "swings": np.array(swings, dtype=np.int32), "title": labels, "words": words,
-        "names_x": names_x, "names_y": names_y, "names": names_text,
+        "level": np.array([scene.level for scene in drawn]), "axis": [AXIS_WORDS[scene.view][0] for scene in drawn],
+        "cycle": np.array(cycle), "swings": np.array(swings, dtype=np.int32), "title": labels, "words": words,
+        "names_x": [scene.places[:, 0].copy() for scene in drawn],
+        "names_y": [scene.places[:, 1].copy() for scene in drawn], "names": [list(scene.names) for scene in drawn],
     }  # fmt: skip
 
 
