@@ -87,7 +87,7 @@ VERBS: Final[dict[str, VerbHelp]] = {
     "identify": VerbHelp(
         "Look closer", "Find m, c, k from forced oscillations, with 95 % intervals.",
         ("identify scenarios/data/forced_oscillation.csv", "identify monday.csv tuesday.csv --out out/rig",
-         "identify rig.csv --json | jq '.series[].estimates'"),
+         "identify rig.csv --json | jq '.series[].damping'"),
         (("0", "every m, c, k is told"), ("1", "some m, c or k cannot be told")),
     ),
     "reproduce": VerbHelp(

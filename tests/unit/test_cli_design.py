@@ -230,3 +230,17 @@ def test_a_changed_text_is_told_and_not_exported(here: Path, capsys: Capture, tm
     name = document["designs"][0]["name"]
     assert main(["export", str(tmp_path / "changed.json"), "--to", "json", "--option", name]) == 2
     assert "nothing is exported: the file is not as it was written" in capsys.readouterr().err
+
+
+def test_design_verify_and_export_answer_in_json(here: Path, capsys: Capture) -> None:
+    made = str(here / "out/small/design.json")
+    assert main(["verify", made, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    assert found["proved"] and [one["name"] for one in found["designs"]] == ["lqr", "worst"]
+    assert all(claim["proved"] for one in found["designs"] for claim in one["claims"])
+    assert main(["export", made, "--option", "lqr", "--to", "python", "--out", "json", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    assert found["to"] == "python" and [Path(one).name for one in found["written"]][:1] == ["lqr.py"]
+    assert main(["design", "small.toml", "--option", "lqr", "--out", "again", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    assert [one["verdict"] for one in found["options"]] == ["PASS"] and found["options"][0]["claims"]

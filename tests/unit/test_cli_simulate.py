@@ -170,3 +170,11 @@ def test_the_signals_of_every_run_are_in_the_file(study, tmp_path):
         kept = np.asarray(data["magnet_1_height"])
         assert np.array_equal(kept, study.trajectory.signals["magnet_1.height"])
         assert data.attrs["option"] == "winding" and len(data.data_vars) == len(study.trajectory.signals) + 1
+
+
+def test_json_is_the_summary(prepared, study, monkeypatch, capsys):
+    monkeypatch.setattr(survey, "survey_simulation", lambda *given, **how: agreed(study))
+    assert main(["simulate", "one.toml", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    assert found["verb"] == "simulate" and found["status"] == 0 and found["verdict"] == "PASS"
+    assert found["option"] == "winding" and len(found["written"]) == 4
