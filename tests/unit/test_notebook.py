@@ -5,6 +5,8 @@ from __future__ import annotations
 import pickle
 import re
 from dataclasses import replace
+from importlib.resources import files
+from typing import get_args
 
 import comparison_fixture
 import map_fixture
@@ -20,6 +22,7 @@ from maglev_ctrl.analysis.resonance_map import resonance_map
 from maglev_ctrl.analysis.tracking import track
 from maglev_ctrl.display import Shown
 from maglev_ctrl.errors import Agreement, Verdict
+from maglev_ctrl.report.model import Block
 from maglev_ctrl.report.notebook import html
 from maglev_ctrl.report.notebook.content import blocks_of
 from maglev_ctrl.report.style import INK, MINUS
@@ -159,6 +162,12 @@ def test_tables_hold_the_numbers():
         assert told[label] == pytest.approx(found.s[k].real, rel=6e-3)
     swapped = growth_by_label(replace(found, s=found.s[::-1]))  # a mutant: growth rates of the wrong modes
     assert any(swapped[label] != pytest.approx(found.s[k].real, rel=6e-3) for k, label in enumerate(found.labels))
+
+
+def test_every_kind_of_block_has_its_form():
+    form = files("maglev_ctrl.report").joinpath("templates", "notebook.html.j2").read_text(encoding="utf-8")
+    for kind in get_args(Block):
+        assert f'kind == "{kind.__name__}"' in form, kind
 
 
 def test_what_has_no_page_is_left_to_its_text():

@@ -34,7 +34,7 @@ def html(record: object) -> str | None:
     template, style_sheet = _template()
     page: str = template.render(
         blocks=blocks, figures=figures, signs=SIGNS, slug=lambda verdict: SLUGS[verdict],
-        style_sheet=Markup(style_sheet),
+        style_sheet=Markup(style_sheet), math=Markup,
     )  # fmt: skip
     return page
 
