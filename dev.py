@@ -26,6 +26,7 @@ HELP = """usage: python3 dev.py VERB [ARGUMENTS]
   test [PYTEST ARGUMENTS]   run the tests
   lint                      ruff, mypy and the floors of the architecture
   docs                      build the documentation site into docs/_build/html
+  validation [TEST FILES]   run the tests that the validation page names, and record what they say for it
   bench [NAME]              run the benchmarks
   setup                     only set up
   ui [SCENARIO]             the workbench page in your browser
@@ -55,6 +56,8 @@ def main(arguments: list[str]) -> int:
         return lint()
     if verb == "docs":
         return build_docs()
+    if verb == "validation":
+        return run([str(PYTHON), str(ROOT / "docs" / "_ext" / "record_validation.py"), *rest], cwd=ROOT)
     if verb == "bench":
         return bench(rest)
     return pass_on(arguments)

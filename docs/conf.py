@@ -46,9 +46,14 @@ extensions = [
     "sphinx_copybutton",
     "mathml",
     "scenario_reference",
+    "gallery",
+    "validation",
+    "local_only",
 ]
 exclude_patterns = ["_build", "_ext", "**.ipynb_checkpoints", "jupyter_execute"]
-nitpicky = False
+# Every name that a page refers to has to be found; types in signatures, which nobody wrote as references, need not.
+nitpicky = True
+nitpick_ignore_regex = [(r"py:(class|obj|data|exc)", r".*")]
 
 # -- Pages and examples -----------------------------------------------------------------------------------------------
 myst_enable_extensions = ["amsmath", "attrs_inline", "colon_fence", "deflist", "dollarmath", "fieldlist"]
@@ -106,6 +111,8 @@ def tidy_docstring(app: Any, what: str, name: str, thing: Any, options: Any, lin
             tidy += [entry[1].replace("*", r"\*"), "    " + plain_words(entry[2])]
         else:
             tidy.append(plain_words(line))
+    if what in ("attribute", "data", "property") and ":" in tidy[0]:
+        tidy.insert(0, r"\ ")  # else what stands before the colon is taken for a type
     lines[:] = tidy
 
 
