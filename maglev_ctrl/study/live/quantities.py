@@ -6,8 +6,10 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
+from maglev_ctrl.errors import ModelError
 from maglev_ctrl.scenario import OptionRecord, Scenario, build_vehicle
 from maglev_ctrl.scenario.control_schema import Allowed
+from maglev_ctrl.scenario.problems import KeyPath
 from maglev_ctrl.scenario.quantity_paths import (
     DEPTH,
     GAIN,
@@ -17,14 +19,24 @@ from maglev_ctrl.scenario.quantity_paths import (
     display_unit,
     scenario_quantities,
 )
+from maglev_ctrl.scenario.reader import with_values
 from maglev_ctrl.study.live.records import LiveQuantity, SliderGroup
 
+PLACES: dict[str, KeyPath] = {
+    SPEED: ("operating", "speed"),
+    "height": ("operating", "height"),
+    "gap": ("operating", "gap"),
+    "payload": ("vehicle", "car", "payload"),
+    DEPTH: ("periodic", "depth"),
+}
+"""Where the file has what says where and how the vehicle runs."""
 MOST = 14
 """Sliders at most: more than these nobody finds his way through."""
 _FACTOR = 10.0  # a damping or a weight runs from its own value over this to its own value times this
 _GRAVITY = 9.81
 _SLOWEST = 1.0  # m/s: lowest speed of a slider; a guideway needs to pass for a frequency to exist
-_OPERATING = (SPEED, "height", "gap", "payload")
+_SHARES = (1.0, 0.8, 0.6, 0.4, 0.2)  # of a range that are tried where its end makes no valid file
+_SIDEWAYS = ("sway", "roll", "yaw")
 _DAMPINGS = ("damping", "lateral_damping")
 _HOOKS = {
     "damping": "damping of the law",
@@ -59,9 +71,9 @@ def sliders(scenario: Scenario, option: OptionRecord, *, depth: float | None) ->
     """
     known = {one.name: one for one in scenario_quantities(scenario)}
     position = next(i for i, one in enumerate(scenario.options) if one.name == option.name)
-    found = [*_operating(scenario, known, depth), *_of_option(scenario, option, position, known.values())]
+    found = [*_operating(scenario, known, depth), *_of_option(scenario, option, position)]
     found += [_damping(scenario, one, f"{_words(one)} of the {one.path[1]} suspension", "vehicle")
-              for one in known.values() if _is_damping(one) and one.path[0] == "vehicle"]  # fmt: skip
+              for one in known.values() if _moves_something(scenario, one)]  # fmt: skip
     return tuple(found[:MOST])
 
 
@@ -77,7 +89,9 @@ def _operating(
             highest = max(scenario.periodic.map.depth.last, depth)
             yield _slider(replace(quantity, value=depth), (0.0, highest), "modulation")
         else:
-            yield _slider(quantity, _range(scenario, name, quantity.value), "operating")
+            low, high = _range(scenario, name, quantity.value)
+            ends = _accepted(scenario, name, quantity, low), _accepted(scenario, name, quantity, high)
+            yield _slider(quantity, ends, "operating")
 
 
 def _range(scenario: Scenario, name: str, own: float) -> tuple[float, float]:
@@ -104,6 +118,19 @@ def _range(scenario: Scenario, name: str, own: float) -> tuple[float, float]:
     return min(low, own), max(high, own)
 
 
+def _accepted(scenario: Scenario, name: str, quantity: ScenarioQuantity, end: float) -> float:
+    """The end of a range, or the nearest one towards the own value that makes a valid file."""
+    own = quantity.value
+    for share in _SHARES:
+        value = own + share * (end - own)
+        try:
+            with_values(scenario, {PLACES[name]: quantity.written(value)})
+        except ModelError:
+            continue
+        return value
+    return own
+
+
 def _hull(spans: list[tuple[float, float]], own: float) -> tuple[float, float]:
     return min(own, *(min(span) for span in spans)), max(own, *(max(span) for span in spans))
 
@@ -119,7 +146,7 @@ def _domain(scenario: Scenario, name: str) -> tuple[float, float]:
 
 
 def _of_option(
-    scenario: Scenario, option: OptionRecord, position: int, known: object
+    scenario: Scenario, option: OptionRecord, position: int
 ) -> Iterator[Slider]:  # fmt: skip
     own = [one for one in scenario_quantities(scenario) if one.option == position]
     for one in own:
@@ -137,6 +164,14 @@ def _of_option(
 
 def _is_damping(one: ScenarioQuantity) -> bool:
     return bool(one.path) and one.path[-1] in _DAMPINGS and not one.of_law and not math.isnan(one.value)
+
+
+def _moves_something(scenario: Scenario, one: ScenarioQuantity) -> bool:
+    """Whether it is a damping of the vehicle that acts on one of its freedoms."""
+    if not _is_damping(one) or one.path[0] != "vehicle":
+        return False
+    sideways = any(dof.rpartition(".")[2] in _SIDEWAYS for dof in build_vehicle(scenario).dofs)
+    return sideways or one.path[-1] != "lateral_damping"
 
 
 def _damping(scenario: Scenario, one: ScenarioQuantity, label: str, group: SliderGroup) -> Slider:

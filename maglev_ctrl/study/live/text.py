@@ -11,15 +11,8 @@ from maglev_ctrl.scenario.problems import KeyPath, key_text
 from maglev_ctrl.scenario.quantity_paths import DEPTH, ScenarioQuantity, display_unit
 from maglev_ctrl.scenario.reader import from_text
 from maglev_ctrl.scenario.rewrite import rewritten_text, toml
+from maglev_ctrl.study.live.quantities import PLACES
 
-_PLACES: dict[str, KeyPath] = {
-    "speed": ("operating", "speed"),
-    "height": ("operating", "height"),
-    "gap": ("operating", "gap"),
-    "lateral_offset": ("operating", "lateral_offset"),
-    "payload": ("vehicle", "car", "payload"),
-    DEPTH: ("periodic", "depth"),
-}
 _DIGITS = 12
 
 
@@ -38,7 +31,7 @@ def scenario_text(scenario: Scenario, values: Mapping[ScenarioQuantity, float]) 
     """
     text, note = scenario.text, ""
     for quantity, value in values.items():
-        path = quantity.path or _PLACES[quantity.name]
+        path = quantity.path or PLACES[quantity.name]
         if quantity.name == DEPTH and scenario.periodic is not None and scenario.periodic.sources:
             note = (
                 f"# Looked at with a modulation depth of {100.0 * value:.4g} %; the sources below decide their own.\n"
@@ -71,24 +64,15 @@ def _written(text: str, path: KeyPath, value: str | float) -> str:
 
 
 def _inserted(text: str, place: Place, known: str, name: str, value: str) -> str:
-    """A key before a neighbour that is there: on a line of its own, or inside the braces of an inline table."""
-    lines = text.split("\n")
-    row = place.key[0] - 1
-    end = len("\n".join(lines[:row]).encode()) + (1 if row else 0)
+    """The text with a key before a neighbour: on a line of its own, or inside the braces of an inline table."""
     source = text.encode()
-    start = end
-    head = source[start : place.span[0]].decode()
-    cut = max(head.rfind("{"), head.rfind(",")) + 1
-    spelled = head[cut:].partition("=")[0]
+    line = source.rfind(b"\n", 0, place.span[0]) + 1
+    head = source[line : place.span[0]].decode()
+    inside = max(head.rfind("{"), head.rfind(",")) + 1
+    spelled = head[inside:].partition("=")[0]
     if known not in spelled:
         raise ModelError(f"{name}: it cannot be written beside {known}")
-    new = spelled[: spelled.rfind(known)] + name
-    pair = f"{new.strip()} = {value}"
-    lead = spelled[: len(spelled) - len(spelled.lstrip())]
-    inserted = f"{lead}{pair}, " if cut else f"{lead}{pair}\n"
-    at = start + len(head[:cut].encode())
-    return (
-        (source[:at] + inserted.rstrip(" ").encode() + (b" " if cut else b"") + source[at:].lstrip(b" ")).decode()
-        if cut
-        else (source[:at] + inserted.encode() + source[at:]).decode()
-    )
+    before = spelled[: spelled.rfind(known)]  # indentation, and the part of a dotted key that both share
+    at = line + len(head[:inside].encode())
+    pair = f"{before}{name} = {value}{',' if inside else chr(10)}"
+    return (source[:at] + pair.encode() + source[at:]).decode()
