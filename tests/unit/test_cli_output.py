@@ -235,7 +235,7 @@ def test_a_conversation_ends(capsys: Capture) -> None:
     assert capsys.readouterr().out == "shown\n"
 
 
-TABLE = "from maglev_ctrl.cli_terminal import console\nconsole().print('[green]PASS[/] ' + '│' * 120)"
+TABLE = "from maglev_ctrl.cli_terminal import console\nconsole().print('[bold green]PASS[/] ' + '│' * 120)"
 
 
 def test_pipes_have_no_colour_unless_forced() -> None:
@@ -256,11 +256,11 @@ def test_terminals_have_colour_and_a_bar_that_goes(how: dict[str, str], coloured
     out = on_terminal(
         "from maglev_ctrl.cli_terminal import console, progress\nimport time\n"
         "with progress('work') as tell:\n    tell('half [x]', 0.5)\n    time.sleep(0.3)\n"
-        "console().print('[green]PASS[/]')\n",
+        "console().print('[bold green]PASS[/]')\n",
         how,
     )
     assert "half [x]" in out and "PASS" in out
-    assert ("\x1b[32m" in out) is coloured
+    assert ("\x1b[1;32m" in out) is coloured
     if "TERM" in how:
         assert "\x1b" not in out and " 50 %  half [x]" in out
     else:
