@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
+
+from bokeh.core.properties import String
+from bokeh.model import DataModel
 
 from maglev_ctrl.workbench.style import dress, theme_switch
 from maglev_ctrl.workbench.views.comparison import ComparisonView
@@ -14,32 +17,36 @@ from maglev_ctrl.workbench.views.margins import MarginsView
 from maglev_ctrl.workbench.views.shape import ShapeView
 
 if TYPE_CHECKING:
+    from maglev_ctrl.workbench.views.downloads import FileKind, Which
     from maglev_ctrl.study.live.records import LiveComparison, LiveView
 
 PLACE = "place:"
 """How the tag of a root begins that says which place of the page is its own."""
 
 
+class Bridge(DataModel):  # type: ignore[misc]
+    """What the page's own script and the server say to each other, one JSON text at a time."""
+
+    inbox = String(default="")
+    outbox = String(default="")
+
+
 class Arrangement:
-    """Every view of one page, put into its document.
+    """Every view of one page and its `bridge` to the browser; made ahead, and put into the page's document later."""
 
-    Parameters
-    ----------
-    bridge : further model of the document, without a place of its own
-    """
-
-    def __init__(self, bridge: Any) -> None:
+    def __init__(self) -> None:
         cursor = Cursor()
         self._document: Any = None
-        self._cursor, self.bridge = cursor, bridge
+        self._cursor, self.bridge = cursor, Bridge(name="bridge")
         self._view: LiveView | None = None
         self._comparison: LiveComparison | None = None
-        self._live = {
+        self._live: dict[str, EigenvalueView | MapView | LedgerView | ShapeView | MarginsView] = {
             "eigenvalues": EigenvalueView(cursor), "map": MapView(cursor), "ledger": LedgerView(cursor),
             "shape": ShapeView(cursor), "margins": MarginsView(),
         }  # fmt: skip
         self._compared = ComparisonView()
-        figures = [figure for view in (*self._live.values(), self._compared) for figure in view.figures]
+        views: list[Any] = [*self._live.values(), self._compared]
+        figures = [figure for view in views for figure in view.figures]
         for figure in figures:
             dress(figure, False)
         self._switch = theme_switch(figures)
@@ -49,7 +56,8 @@ class Arrangement:
         """Put everything into a document, which looks through all of it once."""
         self._document = document
         with document.models.freeze():
-            for place, view in (*self._live.items(), ("comparison", self._compared)):
+            places: list[tuple[str, Any]] = [*self._live.items(), ("comparison", self._compared)]
+            for place, view in places:
                 view.root.tags = [*view.root.tags, PLACE + place]
                 document.add_root(view.root)  # in the order of the places: Bokeh counts roots
             for model in (self._cursor.source, self.bridge, self._switch):
@@ -82,7 +90,8 @@ class Arrangement:
         self._view = self._comparison = None
         self._document.hold("combine")
         try:
-            for one in (*self._live.values(), self._compared):
+            views: list[Any] = [*self._live.values(), self._compared]
+            for one in views:
                 one.clear(reason)
         finally:
             self._document.unhold()
@@ -99,4 +108,4 @@ class Arrangement:
         shown = self._comparison if which == "comparison" else self._view
         if shown is None:
             raise ValueError("nothing is shown there yet")
-        return figure_files(shown, which, kind)
+        return figure_files(shown, cast("Which", which), cast("FileKind", kind))  # the server's patterns know no others

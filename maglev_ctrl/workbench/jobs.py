@@ -153,10 +153,11 @@ def report_folder(name: str, scenario_hash: str) -> str:
 
 def _begin(command: Sequence[str]) -> subprocess.Popen[str]:
     """A process of a group of its own: Ctrl-C is the server's to hear, which then ends it in order."""
-    apart = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP} if os.name == "nt" else {"start_new_session": True}
+    flags = getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)  # Windows only
     return subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, encoding="utf-8", **apart
-    )  # type: ignore[call-overload,no-any-return,unused-ignore]
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, encoding="utf-8", creationflags=flags,
+        start_new_session=os.name != "nt",
+    )  # fmt: skip
 
 
 def _follow(job: _Job, order: str) -> None:

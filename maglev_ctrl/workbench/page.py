@@ -9,9 +9,6 @@ from concurrent.futures import Future
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from bokeh.core.properties import String
-from bokeh.model import DataModel
-
 from maglev_ctrl.errors import MaglevError
 from maglev_ctrl.scenario.problems import Problem, ScenarioProblems
 from maglev_ctrl.scenario.reader import SIZE_LIMIT
@@ -32,21 +29,15 @@ _POLL = 400  # ms
 _DESIGN, _REPORT, _SHOWN, _DOWNLOAD = "design point", "report", "shown", "download"
 
 
-class Bridge(DataModel):  # type: ignore[misc]
-    """What the page's own script and the server say to each other, one JSON text at a time."""
-
-    inbox = String(default="")
-    outbox = String(default="")
-
-
 class Page:
     """One page and its document; all methods but `_from_thread` run on the server's loop."""
 
     def __init__(self, document: Any, site: Site) -> None:
         self.key = secrets.token_urlsafe(18)
         self._document, self._site = document, site
-        self._bridge = Bridge(name="bridge")
-        self.arrangement = Arrangement(document, self._bridge)
+        self.arrangement = site.spares.pop() if site.spares else Arrangement()
+        self.arrangement.attach(document)
+        self._bridge = self.arrangement.bridge
         self._history: History | None = None
         self._scenario: Scenario | None = None
         self._sliders: frozenset[str] = frozenset()

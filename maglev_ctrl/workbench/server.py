@@ -22,6 +22,7 @@ from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop
 
 from maglev_ctrl.scenario.reader import SIZE_LIMIT
+from maglev_ctrl.workbench.arrangement import Arrangement
 from maglev_ctrl.workbench.assets import assets
 from maglev_ctrl.workbench.faults import tell_terminal
 from maglev_ctrl.workbench.handlers import LIVE, Guarded, patterns
@@ -35,6 +36,7 @@ from maglev_ctrl.workbench.state import PageState
 
 REPORTS = Path("out") / "workbench"
 _MESSAGE_LIMIT = 4 * SIZE_LIMIT  # of one message: a text of the largest size with every sign escaped, and some more
+_QUIET = 4.0  # s after a page was opened until the next one's views are made
 _SESSION_LIFETIME = 15_000  # ms a page may be away before its document goes; what it showed is in its address
 
 
@@ -67,6 +69,7 @@ def serve(
     with tempfile.TemporaryDirectory(prefix="maglev-ctrl-ui-", ignore_cleanup_errors=True) as empty:
         sources = find_sources(scenario, shipped=shipped_folder(), here=Path.cwd(), empty_folder=Path(empty).resolve())
         site = Site(sources, ReportJobs(reports))
+        _prepare(site)
         with _signals() as ended, _loop() as loop:
             server = _server(site, loop, hosts)
             server._http.add_sockets([listening])
@@ -102,15 +105,23 @@ def _server(site: Site, loop: IOLoop, hosts: frozenset[str]) -> Any:
 def _open_page(document: Any, site: Site) -> None:
     try:
         Page(document, site)
+        if not site.spares:
+            IOLoop.current().call_later(_QUIET, lambda: site.pool.submit(_prepare, site))
     except Exception:
         tell_terminal("new page")
         raise
 
 
+def _prepare(site: Site) -> None:
+    """Have the scripts packed and the views of the next page made before it is asked for."""
+    assets()
+    if not site.spares:
+        site.spares.append(Arrangement())
+
+
 def _warm(site: Site) -> None:
-    """Have ready what the first page will ask for: packed scripts, loaded modules, the first scenario's study."""
+    """Have the first scenario's study ready, and with it every module it takes."""
     try:
-        assets()
         first = site.sources.first
         if first is None:
             return

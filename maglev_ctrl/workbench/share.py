@@ -67,10 +67,8 @@ def state_of(search: str, fragment: str, *, limit: int = ADDRESS_LIMIT) -> PageS
             values[name] = float(text)
         except ValueError:
             raise ValueError(f'the address gives {name[:40]} as "{text[:40]}"; expected a number in SI') from None
-    key = pairs["scenario"][:NAME_LIMIT]
-    return PageState(
-        key, key.rpartition("/")[2], "", pairs.get("option", "")[:NAME_LIMIT], tuple(sorted(read_values(values).items()))
-    )  # fmt: skip
+    key, moved = pairs["scenario"][:NAME_LIMIT], tuple(sorted(read_values(values).items()))
+    return PageState(key, key.rpartition("/")[2], "", pairs.get("option", "")[:NAME_LIMIT], moved)
 
 
 def _unpacked(text: str, limit: int) -> PageState:

@@ -11,6 +11,7 @@ from maglev_ctrl.workbench.live_thread import Shelf
 from maglev_ctrl.workbench.sources import Sources
 
 if TYPE_CHECKING:
+    from maglev_ctrl.workbench.arrangement import Arrangement
     from maglev_ctrl.workbench.page import Page
 
 
@@ -22,4 +23,5 @@ class Site:
     jobs: ReportJobs
     shelf: Shelf = field(default_factory=Shelf)
     pages: dict[str, Page] = field(default_factory=dict)
+    spares: list[Arrangement] = field(default_factory=list)  # made ahead: a page that opens does not wait for them
     pool: ThreadPoolExecutor = field(default_factory=lambda: ThreadPoolExecutor(2, thread_name_prefix="small work"))

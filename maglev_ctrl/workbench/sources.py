@@ -111,8 +111,8 @@ def find_sources(given: Path | None, *, shipped: Path | None, here: Path, empty_
 
 
 def _preferred(found: Iterable[Source]) -> tuple[Source, ...]:
-    """A file given comes first; else the paper's own vehicle, which answers quickly."""
-    order = {"Started with": 0, "Shipped: paper": 1, "In this folder": 3}
+    """A file given comes first; else the shipped one that shows most at once."""
+    order = {"Started with": 0, "Shipped: periodic": 1, "In this folder": 3}
     return tuple(sorted(found, key=lambda one: order.get(one.group, 2)))
 
 

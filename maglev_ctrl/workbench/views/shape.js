@@ -76,7 +76,14 @@ function draw(time) {
 
 function turn(now) {
   if (!play.active || document.hidden) { state.turning = false; state.held = now - state.started; return }
-  if (now - state.last >= FRAME) { state.last = now; draw(now - state.started) }
+  // While a slider is answered the swing waits, and on a slow machine it takes a third of the time at most.
+  if (state.drawn) { state.cost = performance.now() - state.drawn; state.drawn = 0 }
+  const answering = document.documentElement.dataset.state === "busy"
+  if (!answering && now - state.last >= Math.max(FRAME, 3 * Math.min(state.cost ?? 0, 300))) {
+    state.last = now
+    state.drawn = performance.now()
+    draw(now - state.started)
+  }
   requestAnimationFrame(turn)
 }
 
