@@ -169,7 +169,7 @@ def equation_blocks(comparison: Comparison) -> list[Block]:
         )  # fmt: skip
         blocks += _stated(
             RESONANCE, _resonance(),
-            "A tongue begins where a multiple of the forcing's frequency is the sum or difference of those of two modes:",
+            "A tongue begins where a multiple of the forcing's frequency is the sum or difference of two modes':",
             "paper, text after Eq. (14)",
             ("i = j is parametric resonance, i ≠ j combination resonance; the order of a tongue is k.",),
         )  # fmt: skip

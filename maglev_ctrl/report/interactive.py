@@ -58,7 +58,8 @@ def interactive(chart: Chart) -> dict[str, Any]:
         else {"orientation": "h", "y": -0.2, "yanchor": "top"},
     }
     seen: set[str] = set()
-    gap_x = 0.10 / max(1, chart.columns)
+    inner = (panel.y for place, panel in enumerate(chart.panels) if place % chart.columns)
+    gap_x = (0.20 if any(axis.label for axis in inner) else 0.10) / max(1, chart.columns)
     width = (1.0 - (chart.columns - 1) * gap_x) / chart.columns
     for place, panel in enumerate(chart.panels):
         row, column = divmod(place, chart.columns)

@@ -7,8 +7,8 @@ that does not, as far as it checks.
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Mapping
+from datetime import datetime
 from importlib.resources import files
 from typing import Any, Final, assert_never
 
@@ -32,7 +32,7 @@ from maglev_ctrl.report.model import (
 from maglev_ctrl.report.numbering import Numbering, ended, numbered
 
 STANDARDS: Final = ("a-2a", "ua-1")
-_DAY: Final = re.compile(r"(\d{4})-(\d{2})-(\d{2})(?:T(\d{2}):(\d{2}):(\d{2}))?")
+_UNKNOWN: Final = datetime(1970, 1, 1)  # an archive asks for a date: where none is known, the clock's beginning
 
 
 def pdf(report: Report, pictures: Mapping[str, str]) -> bytes:
@@ -64,13 +64,13 @@ def pdf(report: Report, pictures: Mapping[str, str]) -> bytes:
 def _document(report: Report, names: Mapping[str, str]) -> dict[str, Any]:
     numbers = numbered(report)
     short = report.title if len(report.title) <= 80 else report.title[:78].rstrip() + " …"
-    day = _DAY.match(report.created)
+    day = _date(report.created)
     return {
         "title": report.title,
         "short_title": short,
         "subtitle": report.subtitle,
         "created": report.created,
-        "day": [int(part or 0) for part in day.groups()] if day else None,
+        "day": [day.year, day.month, day.day, day.hour, day.minute, day.second],
         "version": report.version,
         "scenario_hash": report.scenario_hash,
         "cover": None if report.cover is None else _cover(report.cover, names, numbers),
@@ -83,6 +83,13 @@ def _document(report: Report, names: Mapping[str, str]) -> dict[str, Any]:
             for s in report.sections
         ],
     }  # fmt: skip
+
+
+def _date(created: str) -> datetime:
+    try:
+        return datetime.fromisoformat(created)
+    except ValueError:
+        return _UNKNOWN
 
 
 def _cover(cover: Cover, names: Mapping[str, str], numbers: Numbering) -> dict[str, Any]:

@@ -60,7 +60,7 @@ named();
       const { data, layout } = dressed(figures[figure.dataset.chart]);
       layout.width = undefined;
       await window.Plotly.react(target, data, layout, { responsive: true, displaylogo: false, modeBarButtons: [["toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]] });
-      target.setAttribute("role", "img");
+      target.setAttribute("role", "group");
       target.setAttribute("aria-label", words(figure));
       still.style.display = "none";
       figure.dataset.drawn = "yes";
