@@ -138,5 +138,5 @@ def check(app: Sphinx, problem: Exception | None) -> None:
 
 def setup(app: Sphinx) -> dict[str, object]:
     """Register the check."""
-    app.connect("build-finished", check)
+    app.connect("build-finished", check, priority=900)  # after the theme has written its files
     return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}

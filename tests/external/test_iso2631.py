@@ -28,11 +28,13 @@ def _worst(found, case):
 
 
 @pytest.mark.parametrize("index", range(max(len(_cases()), 1)))
-def test_case(index):
+def test_case(index, record_property):
     if not _cases():
         pytest.skip("the collection iso2631.json is not part of this checkout")
     case = _cases()[index]
     given = weighting_from_parameters(**case["params"], name=case["weighting"])
+    record_property("error", float(_worst(given, case)) / 100.0)
+    record_property("allowed", 0.01)
     assert _worst(given, case) < 1.0
     if case["weighting"] in TABLE:
         own = weighting(case["weighting"])

@@ -25,7 +25,9 @@ def found(magnet: CornerImageForce, height: float) -> tuple[float, ...]:
 
 
 @pytest.mark.parametrize("height", EXPECTED)
-def test_forces_and_stiffnesses(height: float) -> None:
+def test_forces_and_stiffnesses(height: float, record_property) -> None:
+    record_property("error", float(np.max(np.abs(found(MAGNET, height) / np.array(EXPECTED[height]) - 1.0))))
+    record_property("allowed", TOLERANCE)
     np.testing.assert_allclose(found(MAGNET, height), EXPECTED[height], rtol=TOLERANCE)
 
 
