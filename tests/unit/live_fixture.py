@@ -76,7 +76,7 @@ def _studied(name: str, label: str, vehicle: Vehicle, design: Design | None) -> 
     at = OperatingPoint(SPEED, HEIGHT)
     system = _closed(vehicle, design, at)
     found = modes(system)
-    speeds = np.linspace(100 / 3.6, 550 / 3.6, 25)
+    speeds = np.linspace(100 / 3.6, 550 / 3.6, 16)
     tracks = track([modes(_closed(vehicle, design, OperatingPoint(float(v), HEIGHT))) for v in speeds],
                    parameter=speeds)  # fmt: skip
     margins, reason = None, "the option adds no loop"
@@ -101,7 +101,7 @@ def _periodic(vehicle: Vehicle, design: Design | None, speed: float, depth: floa
 
 def _map(vehicle: Vehicle, design: Design | None) -> LiveMap:
     """Over speed and depth, with a few cells made undecided or without an answer."""
-    speeds, depths = np.linspace(60 / 3.6, 550 / 3.6, 40), np.linspace(0.0, 0.5, 30)
+    speeds, depths = np.linspace(60 / 3.6, 550 / 3.6, 26), np.linspace(0.0, 0.5, 20)
     unit = [_periodic(vehicle, design, float(v), 1.0) for v in speeds]
     found = resonance_map(
         np.stack([u.A_0 for u in unit]), np.stack([u.A_cos for u in unit]), np.stack([u.A_sin for u in unit]),
@@ -110,8 +110,8 @@ def _map(vehicle: Vehicle, design: Design | None) -> LiveMap:
     )  # fmt: skip
     growth = np.array(found.growth_rate.T)
     state = np.where(found.unstable.T, UNSTABLE, STABLE).astype(np.int8)
-    state[20:24, 26:30] = UNRESOLVED
-    state[26:, :2], growth[26:, :2] = NO_ANSWER, np.nan
+    state[13:16, 16:19] = UNRESOLVED
+    state[17:, :2], growth[17:, :2] = NO_ANSWER, np.nan
     regions = []
     for k, one in enumerate(found.tongues):
         inside = np.argwhere((k == found.tongue_index.T) & (state == UNSTABLE))

@@ -25,13 +25,14 @@ from maglev_ctrl.report.style import FAIL_COLOUR, number
 from maglev_ctrl.study.live.records import LiveView
 from maglev_ctrl.workbench.style import BAD, FADED, FONT, FONT_SIZE, INKED, LIGHT, MARKERS, dress
 from maglev_ctrl.workbench.views.cursor import MOVE, Cursor
-from maglev_ctrl.workbench.views.frame import frame, hover, palette_mapper, widget_style, words_only
+from maglev_ctrl.workbench.views.frame import frame, hover, palette_mapper, shortened, widget_style, words_only
 from maglev_ctrl.workbench.views.shown import ShownMode, default_mode, mode_words, shown_modes
 
 _DASHES: Final = ("solid", "dashed", "dotted", "dashdot")
 _RATIOS: Final = (0.02, 0.05, 0.1, 0.3)  # damping ratios with a ray
 _TWO_PI: Final = 2.0 * np.pi
 _NONE: Final = "no modes"
+MOST_LETTERS: Final = 32  # of a name in the legend
 
 # The markers' own values hold at the speed they were computed for; elsewhere they run along the tracks.
 _RUN: Final = """
@@ -276,7 +277,7 @@ def _signs(shown: tuple[ShownMode, ...]) -> dict[str, Any]:
     """Signs of the legend, which stand nowhere in the plane."""
     nowhere = np.full(len(shown), np.nan)
     return {
-        "x": nowhere, "y": nowhere, "label": [one.label for one in shown],
+        "x": nowhere, "y": nowhere, "label": [shortened(one.label, MOST_LETTERS) for one in shown],
         "colour": np.array([one.colour % len(LIGHT.palette) for one in shown], dtype=np.int32),
         "marker": [MARKERS[one.colour % len(MARKERS)] for one in shown],
     }  # fmt: skip

@@ -95,9 +95,15 @@ def words_only(words: str) -> str:
     return words
 
 
-def retitle(figure_: Any, words: str) -> None:
-    """Change a title; its words are shown as they are."""
-    figure_.title.text = words_only(words)
+def shortened(words: str, most: int) -> str:
+    """Words of at most so many characters; what is left out of the middle shows as an ellipsis, numbers at the end stay.
+
+    Examples
+    --------
+    >>> shortened("front heave / rear heave (1)", 16)
+    'front hea… (1)'
+    """
+    return words if len(words) <= most else f"{words[: most - 7].rstrip()}…{words[-4:]}"
 
 
 def palette_mapper() -> LinearColorMapper:

@@ -26,7 +26,7 @@ from maglev_ctrl.report.style import ON_MAP, RAMPS, Ramp, number
 from maglev_ctrl.study.live.records import LiveMap, LiveView
 from maglev_ctrl.workbench.style import FONT, FONT_SIZE, INKED, LIGHT, dress
 from maglev_ctrl.workbench.views.cursor import MOVE, Cursor
-from maglev_ctrl.workbench.views.frame import frame, sample_legend, words_block, words_only
+from maglev_ctrl.workbench.views.frame import frame, sample_legend, shortened, words_block, words_only
 from maglev_ctrl.workbench.views.map_image import boundary_line, even_map, map_words, state_words
 from maglev_ctrl.workbench.views.table import escaped
 
@@ -34,6 +34,7 @@ KILOMETRES_PER_HOUR: Final = 3.6
 PER_CENT: Final = 100.0
 NOT_CHECKED: Final = "Fast map, not checked yet."
 CHECKED: Final = "Checked by two engines."
+MOST_LETTERS: Final = 28  # of a name on the map
 _CLEAR: Final = "rgba(0, 0, 0, 0)"
 _STATES: Final = ("#d4e2ee", "#f4f4f4", "#f98c0a", "#9b9b9b")  # stable, unresolved, unstable, no answer: without growth
 _PATTERNS: Final = {UNSTABLE: "right_diagonal_line", UNRESOLVED: "criss_cross", NO_ANSWER: "dot"}
@@ -186,7 +187,8 @@ class MapView:
         regions = view.map.regions
         self.names.data = {
             "x": np.array([KILOMETRES_PER_HOUR * one.speed for one in regions]),
-            "y": np.array([PER_CENT * one.depth for one in regions]), "text": [one.name for one in regions],
+            "y": np.array([PER_CENT * one.depth for one in regions]),
+            "text": [shortened(one.name, MOST_LETTERS) for one in regions],
         }  # fmt: skip
         self._tell(view, view.map)
 
