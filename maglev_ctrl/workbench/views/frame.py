@@ -96,7 +96,7 @@ def words_only(words: str) -> str:
 
 
 def shortened(words: str, most: int) -> str:
-    """Words of at most so many characters; what is left out of the middle shows as an ellipsis, numbers at the end stay.
+    """Words of at most so many characters; the middle gives way to an ellipsis, a number at the end stays.
 
     Examples
     --------
