@@ -87,9 +87,9 @@ def growth_plane(
     >>> def mathieu(v):
     ...     A, B = np.array([[0.0, 1.0], [-1.0, -0.02]]), np.array([[[0.0, 0.0], [-1.0, 0.0]]])
     ...     return Columns(np.array([A] * len(v)), np.array([B] * len(v)), np.array([0 * B] * len(v)), v)
-    >>> found = growth_plane(mathieu, np.linspace(1.5, 2.5, 21), np.linspace(0.0, 0.2, 11))
+    >>> found = growth_plane(mathieu, np.linspace(1.5, 2.5, 21), np.linspace(0.0, 0.2, 7))
     >>> found.state[10].tolist()
-    [-1, -1, -1, 1, 1, 1, 1, 1, 1, 1, 1]
+    [-1, -1, 1, 1, 1, 1, 1]
     """
     shape = len(speed), len(depth)
     growth, state = np.full(shape, np.nan), np.full(shape, NO_ANSWER, dtype=np.int8)
