@@ -2,10 +2,11 @@
 
 A random walk moves one slider after another, each drawn with the same chance; every step is one `LiveStudy.preview`
 with a map of 100 x 100. Theirs: `stability_plane` with every point computed, and the modes at every speed of the
-tracks. The options have maps of 4, 12 and 20 states. Median and 90 % of the steps in milliseconds of wall time, the same of the
-steps that leave speed and depth where they are (those two only move a marker), and the median of processor time, which
-other work on the machine disturbs less. At some steps the states of the map are compared: a point counts as wrong where
-its state differs and it lies farther than one point from an edge of an unstable region of the checked map.
+tracks. The options have maps of 4, 12 and 20 states. Median and 90 % of the steps in milliseconds of wall time, the
+median of the steps that move more than speed and depth (those two only move a marker), and that of the processor time
+of all steps, which other work on the machine disturbs less. At some steps the states of the map are compared: a point
+counts as wrong where its state differs and it lies farther than one point from an edge of an unstable region of the
+checked map.
 
 The exit status is 1 if any point is wrong. Run with one thread in BLAS:
 
