@@ -17,8 +17,8 @@ from maglev_ctrl.workbench.views.margins import MarginsView
 from maglev_ctrl.workbench.views.shape import ShapeView
 
 if TYPE_CHECKING:
-    from maglev_ctrl.workbench.views.downloads import FileKind, Which
     from maglev_ctrl.study.live.records import LiveComparison, LiveView
+    from maglev_ctrl.workbench.views.downloads import FileKind, Which
 
 PLACE = "place:"
 """How the tag of a root begins that says which place of the page is its own."""
