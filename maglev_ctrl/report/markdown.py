@@ -25,7 +25,8 @@ from maglev_ctrl.report.numbering import Numbering, Place, ended, numbered
 
 FIGURES: Final = "report_figures"
 """The folder of the figures, beside the text."""
-_MARKS: Final = re.compile(r"([\\`*_{}\[\]()#+!|~$^:.-])")
+_MARKS: Final = re.compile(r"([\\`*_{}\[\]!|~$])")
+_FIRST: Final = re.compile(r"^(?=[#+-])|(?<=^\d)(?=[.)])|(?<=^\d\d)(?=[.)])")  # marks only where a line begins
 _SPACES: Final = re.compile(r"\s+")
 _HEAD: Final = re.compile(r"<svg\b[^>]*>")
 
@@ -74,7 +75,7 @@ def plain(text: str) -> str:
     '&lt;b&gt; \\\\*x\\\\* \\\\| a\\\\_b'
     """
     flat = _SPACES.sub(" ", text).strip()
-    escaped = _MARKS.sub(r"\\\1", flat.replace("&", "&amp;"))
+    escaped = _FIRST.sub(r"\\", _MARKS.sub(r"\\\1", flat.replace("&", "&amp;")))
     return escaped.replace("<", "&lt;").replace(">", "&gt;").replace("@", "&#64;")
 
 
