@@ -67,6 +67,7 @@ def test_every_marker_lies_on_the_track_of_its_own_colour() -> None:
         assert drawn.tracks.data["colour"][row] == drawn.marks.data["colour"][place]
         assert abs(near[one.track] - view.modes.s[one.mode]) < 0.02 * abs(view.modes.s[one.mode])
         np.testing.assert_allclose(drawn.tracks.data["x"][row], view.tracks.s[:, one.track].real)
+        np.testing.assert_allclose(drawn.tracks.data["y"][row], view.tracks.s[:, one.track].imag / (2 * np.pi))
     assert len(set(drawn.marks.data["marker"])) == len(drawn.marks.data["marker"])  # told apart without colour
 
 
