@@ -1,0 +1,91 @@
+"""From a slider on the workbench page to the frame on the screen, in chromium: six freedoms, a 100 x 100 map.
+
+The option with windings and actuators of the 135 t train. A move is an input event of a slider; it ends with the frame
+in which eigenvalues and map of the new values are drawn. Half of the moves follow each other at once, as in a drag;
+before the others the page rests, so that the slow check has begun and has to be given up. The exit status is 0 if the
+median is at most 150 ms. The machine should do nothing else:
+
+    python benchmarks/page_latency.py
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "tests" / "browser"))
+
+MOVES = 30
+LARGEST_MEDIAN = 150.0  # ms
+ADDRESS = "?scenario=compare/eds_135t&option=combined"
+
+MOVE = """
+([name, step]) => new Promise((done, fail) => {
+  const root = document.documentElement, live = Bokeh.documents.find(d => d.get_model_by_name("bridge"))
+  const drawn = (figure) => {
+    const model = live.get_model_by_name(figure)
+    return model.renderers.map(r => r.data_source.data)
+  }
+  const values = () => drawn("eigenvalues").find(d => d.own_growth).own_growth.join()
+  const before = values(), slider = document.getElementById(`slide-${name}`), began = performance.now()
+  const from = Number(root.dataset.shown)
+  const look = () => {
+    const now = performance.now()
+    if (Number(root.dataset.shown) > from && values() !== before) done(now - began)
+    else if (now - began > 20000) fail(new Error(`${name}: nothing new is shown`))
+    else requestAnimationFrame(look)
+  }
+  slider.value = step
+  slider.dispatchEvent(new Event("input", {bubbles: true}))
+  requestAnimationFrame(look)
+})
+"""
+
+
+def main() -> int:
+    from browser_watch import HOW_TO_INSTALL, Watch, find_chromium, launched
+    from page_server import Bench, Server
+    from playwright.sync_api import sync_playwright
+
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+        if find_chromium(playwright.chromium.executable_path) is None:
+            print(f"not measured: {HOW_TO_INSTALL}")
+            return 0
+        server = Server(Path(folder))
+        try:
+            with launched(playwright) as browser:
+                watch = Watch(browser, "latency")
+                bench = Bench.open(watch, server.address + ADDRESS)
+                measured = moves(bench)
+                watch.close()
+        finally:
+            server.stop()
+    every = np.concatenate(list(measured.values()))
+    for name, values in measured.items():
+        print(f"{name:40s} median {np.median(values):6.0f} ms, worst {np.max(values):6.0f} ms of {len(values)}")
+    median, late = np.quantile(every, [0.5, 0.9])
+    verdict = "ok" if median <= LARGEST_MEDIAN else "TOO SLOW"
+    print(f"slider to screen: median {median:.0f} ms, 90 % {late:.0f} ms; at most {LARGEST_MEDIAN:.0f} ms: {verdict}")
+    return int(median > LARGEST_MEDIAN)
+
+
+def moves(bench) -> dict[str, list[float]]:  # type: ignore[no-untyped-def]
+    """Milliseconds of every move, by slider; all sliders in turn."""
+    names = [str(one.get_attribute("id")) for one in bench.page.locator("#sliders input[type=range]").all()]
+    names.remove("slide-depth")  # it changes no eigenvalue: its cursor moves in the browser, without the server
+    found: dict[str, list[float]] = {}
+    rng = np.random.default_rng(1)
+    for k in range(MOVES):
+        name = names[k % len(names)].removeprefix("slide-")
+        bench.page.wait_for_timeout(600 if k % 2 else 60)
+        step = int(rng.integers(300, 700))
+        found.setdefault(name, []).append(float(bench.page.evaluate(MOVE, [name, step])))
+    return found
+
+
+if __name__ == "__main__":
+    sys.exit(main())
