@@ -90,9 +90,10 @@ def nested(depth: int) -> str:
 WRONG = {
     "not_toml": b"this is = = not [toml",
     "empty": b"",
-    "nested_tables": nested(20_000).encode(),
-    "nested_lists": b"format = 1\na = " + b"[" * 100_000 + b"]" * 100_000,
-    "nested_inline": b"format = 1\na = " + b"{a = " * 50_000 + b"1" + b"}" * 50_000,
+    "long_line": nested(20_000).encode(),
+    "nested_tables": nested(9_000).encode(),
+    "nested_lists": b"format = 1\na = " + b"[\n" * 50_000 + b"]\n" * 50_000,
+    "nested_inline": b"format = 1\na = " + b"{a = " * 3_000 + b"1" + b"}" * 3_000,
     "nul": b"format = 1\n\x00\x00",
     "no_scenario": b'[project]\nname = "other"\n',
     "numbers": TEXT.replace('mass = "20 t"', 'mass = "1e400 t"').encode(),
