@@ -33,9 +33,12 @@ def assets() -> dict[str, Asset]:
     """Every file the page is made of, by name."""
     import bokeh
 
+    from maglev_ctrl.workbench.style import PAGE_STYLE
+
     scripts = Path(bokeh.__file__).parent / "server" / "static" / "js"
     own = files("maglev_ctrl.workbench").joinpath("templates")
     contents = {name: own.joinpath(name).read_bytes() for name in _OWN}
+    contents["workbench.css"] = PAGE_STYLE.encode() + contents["workbench.css"]
     contents |= {name: (scripts / name).read_bytes() for name in SCRIPTS}
     return {name: _asset(name, content) for name, content in contents.items()}
 

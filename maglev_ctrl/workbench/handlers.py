@@ -55,14 +55,14 @@ class Guarded:
 
     hosts: frozenset[str] = frozenset()
 
-    def find_handler(self, request: Any, **options: Any) -> Any:
+    def find_handler(self, request: Any) -> Any:
         """The handler of a request, or a refusal."""
         if request.host.lower() not in self.hosts:
             return self.get_handler_delegate(request, ErrorHandler, {"status_code": 403})  # type: ignore[attr-defined]
         path = request.path
         if path not in ("/", f"{LIVE}/ws") and not path.startswith(_KNOWN):
             return self.get_handler_delegate(request, ErrorHandler, {"status_code": 404})  # type: ignore[attr-defined]
-        return super().find_handler(request, **options)  # type: ignore[misc]
+        return super().find_handler(request)  # type: ignore[misc]
 
 
 class _Careful(RequestHandler):  # type: ignore[misc]

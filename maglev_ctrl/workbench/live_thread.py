@@ -1,17 +1,20 @@
-"""The thread behind a page: the newest wish is computed, older ones are dropped, slow work waits for a quiet moment."""
+"""The thread behind a page: the newest wish is computed, older ones are dropped; slow work waits for a quiet moment and
+is done by a process of its own."""
 
 from __future__ import annotations
 
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
 from maglev_ctrl.errors import MaglevError
 from maglev_ctrl.scenario.problems import Problem, ScenarioProblems
 from maglev_ctrl.workbench.faults import INTERNAL, tell_terminal
+from maglev_ctrl.workbench.slow_process import SlowAnswer, SlowOrder
+from maglev_ctrl.workbench.slow_work import SlowWork
 from maglev_ctrl.workbench.sources import Sources
 from maglev_ctrl.workbench.state import PageState
 
@@ -87,7 +90,23 @@ class Shelf:
     """Studies ready to use and used by nobody: warmed at the start, or left by a page that was closed."""
 
     studies: dict[tuple[str, str, str], tuple[Scenario, LiveStudy]] = field(default_factory=dict)
+    idle: list[SlowWork] = field(default_factory=list)
     lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def worker(self, heard: Callable[[SlowAnswer], None]) -> SlowWork:
+        """A process for slow work, for the taker alone; one that a closed page left is ready at once."""
+        with self.lock:
+            found = self.idle.pop() if self.idle else SlowWork(heard)
+        found.heard = heard
+        return found
+
+    def leave(self, worker: SlowWork) -> None:
+        """Leave a process for the next page; one is kept."""
+        with self.lock:
+            if not self.idle:
+                self.idle.append(worker)
+                return
+        worker.close()
 
     def take(self, key: tuple[str, str, str]) -> tuple[Scenario, LiveStudy] | None:
         """The study of a key, for the taker alone."""
@@ -119,6 +138,9 @@ class LiveThread:
         self._serial = 0
         self._closed = False
         self._own: dict[tuple[str, str, str], tuple[Scenario, LiveStudy]] = {}
+        self._telling = threading.Lock()
+        self._ordered: tuple[int, PageState, LiveView, float] | None = None
+        self._slow = shelf.worker(self._heard)
         self._thread = threading.Thread(target=self._live, name="live study", daemon=True)
         self._thread.start()
 
@@ -133,7 +155,6 @@ class LiveThread:
         """Wish for the text of a state, handed back with its purpose."""
         with self._changed:
             self._texts.append((state, purpose))
-            self._serial += 1
             self._changed.notify()
 
     def close(self) -> None:
@@ -155,12 +176,16 @@ class LiveThread:
                 texts, self._texts = self._texts, []
                 serial = self._serial
             if wish is not None:
+                self._slow.cancel(serial)
                 rest = self._guarded(wish, partial(self._first, wish))
             for state, purpose in texts:
                 self._guarded(state, partial(self._write, state, purpose), purpose=purpose)
             if wish is None and not texts and rest is not None:
-                state, view = rest
-                rest = self._guarded(state, partial(self._slow, state, view, serial))
+                self._guarded(rest[0], partial(self._order, *rest, serial))
+                rest = None
+        self._slow.cancel(self._serial)
+        self._slow.heard = lambda answer: None
+        self._shelf.leave(self._slow)
         for key, study in self._own.items():
             self._shelf.put(key, study)
 
@@ -188,34 +213,40 @@ class LiveThread:
             self._tell(Opened(state, scenario, option, study.quantities(), words))
         began = time.perf_counter()
         view = study.preview(known_values(study, state))
-        self._tell(Shown(state, view, time.perf_counter() - began))
+        with self._telling:
+            self._tell(Shown(state, view, time.perf_counter() - began))
         return state, view
 
-    def _slow(self, state: PageState, view: LiveView, serial: int) -> tuple[PageState, LiveView] | None:
-        """Settle, write, compare; what is left to do when a wish comes in between."""
-        from maglev_ctrl.study.live import compare_options
+    def _order(self, state: PageState, view: LiveView, serial: int) -> None:
+        """Have everything slow about a state done: settle, write, compare."""
+        _, study, _ = self._study(state)
+        self._ordered = serial, state, view, time.perf_counter()
+        path = self._sources.place(state.source, state.name)
+        values = tuple(known_values(study, state).items())
+        self._slow.order(SlowOrder(serial, state.text, str(path), study.option_name, values))
 
-        def cancelled() -> bool:
-            return self._serial != serial
-
-        scenario, study, _ = self._study(state)
-        began = time.perf_counter()
-        settled = view
-        if not (view.failure or view.settled):
-            settled = study.settle(view, cancelled=cancelled)
-            if cancelled():
-                return state, view
-            self._tell(Shown(state, settled, time.perf_counter() - began))
-        self._write(state, "shown")
-        if view.failure:
-            return None
-        if cancelled():
-            return state, settled
-        comparison = compare_options(scenario, known_values(study, state), cancelled=cancelled)
-        if cancelled():
-            return state, settled
-        self._tell(Compared(state, comparison))
-        return None
+    def _heard(self, answer: SlowAnswer) -> None:
+        """An answer of the slow work; one to a wish that has gone by is dropped."""
+        with self._telling:  # never after the fast view of a newer wish
+            ordered = self._ordered
+            if self._closed or ordered is None or answer.serial != ordered[0] or answer.serial != self._serial:
+                return
+            _, state, view, began = ordered
+            found = answer.found
+            match answer.kind:
+                case "settled":  # what the views keep by identity stays the same
+                    whole = replace(
+                        found, vehicle=view.vehicle, system=view.system, modes=view.modes, tracks=view.tracks
+                    )
+                    self._tell(Shown(state, whole, time.perf_counter() - began))
+                case "text":
+                    self._tell(Written(state, found, "shown"))
+                case "compared":
+                    self._tell(Compared(state, found))
+                case "refused":
+                    self._tell(Refused(state, found))
+                case "fault":
+                    self._tell(Refused(state, INTERNAL))
 
     def _write(self, state: PageState, purpose: str) -> None:
         """Tell the text of a state."""

@@ -53,13 +53,18 @@ SOLID: Final = "solid"  # with one of them: the face as well
 GOOD: Final = "good"
 BAD: Final = "bad"
 
-PAGE_STYLE: Final = f"""
-:root {{ --wb-ink: {LIGHT.ink}; --wb-grid: {LIGHT.grid}; --wb-faded: {LIGHT.faded}; --wb-paper: {LIGHT.paper};
-  --wb-good: {LIGHT.good}; --wb-bad: {LIGHT.bad}; color-scheme: light; }}
-:root[data-theme="dark"] {{ --wb-ink: {DARK.ink}; --wb-grid: {DARK.grid}; --wb-faded: {DARK.faded};
-  --wb-paper: {DARK.paper}; --wb-good: {DARK.good}; --wb-bad: {DARK.bad}; color-scheme: dark; }}
-"""
-"""Style sheet of the page itself: the variables that tables and words in the views are coloured by."""
+
+def _variables(one: Theme) -> str:
+    roles = ("ink", "grid", "faded", "paper", "good", "bad")
+    named = [f"--wb-{role}: {getattr(one, role)};" for role in roles]
+    return " ".join(named + [f"--wb-tint-{k}: {tint};" for k, tint in enumerate(one.palette)])
+
+
+PAGE_STYLE: Final = (
+    f":root {{ {_variables(LIGHT)} color-scheme: light; }}\n"
+    f':root[data-theme="dark"] {{ {_variables(DARK)} color-scheme: dark; }}\n'
+)
+"""Style sheet of the page itself: the variables that tables, legends and words in the views are coloured by."""
 
 
 def theme(*, dark: bool) -> Theme:

@@ -16,9 +16,10 @@ from bokeh.models import Div, HoverTool
 from live_fixture import HOSTILE, hostile_view, live_comparison, live_view
 
 from maglev_ctrl.analysis.plane_records import NO_ANSWER, STABLE, UNRESOLVED, UNSTABLE
+from maglev_ctrl.report.charts_modes import growth_window
 from maglev_ctrl.report.geometry import at_largest, best_view, boxes, corners, displacement, motion
 from maglev_ctrl.study.live.records import LiveMap
-from maglev_ctrl.workbench.style import DARK, LIGHT, dress, theme_switch
+from maglev_ctrl.workbench.style import DARK, LIGHT, MARKERS, PAGE_STYLE, dress, theme_switch
 from maglev_ctrl.workbench.views import (
     ComparisonView,
     Cursor,
@@ -29,8 +30,10 @@ from maglev_ctrl.workbench.views import (
     ShapeView,
 )
 from maglev_ctrl.workbench.views.downloads import FIGURES, figure_files
+from maglev_ctrl.workbench.views.eigenvalues import both_sides
 from maglev_ctrl.workbench.views.ledger import SUM
-from maglev_ctrl.workbench.views.map import CHECKED, NOT_CHECKED
+from maglev_ctrl.workbench.views.legend import marker_sign, tint_of
+from maglev_ctrl.workbench.views.map import CHECKED, LEAST_SCALE, NOT_CHECKED
 from maglev_ctrl.workbench.views.map_image import even_map
 from maglev_ctrl.workbench.views.shape_parts import AXES, moved
 from maglev_ctrl.workbench.views.shown import at_speed, shown_modes
@@ -99,7 +102,8 @@ def test_the_map_has_speed_across_depth_up_and_the_sign_of_its_state() -> None:
     assert left + wide - step / 2 == pytest.approx(3.6 * view.map.speed[-1])
     assert drawn.image.data["y"][0] + drawn.image.data["dh"][0] == pytest.approx(100 * view.map.depth[-1], rel=0.05)
     assert set(drawn.cells.data["pattern"]) == {"right_diagonal_line", "criss_cross", "dot"}
-    assert drawn.names.data["x"][0] == pytest.approx(3.6 * view.map.regions[0].speed)
+    starts = [line[0] for line in drawn.leaders.data["x"]]  # a name stands on its region, or beside it with a line
+    assert any(x == pytest.approx(3.6 * view.map.regions[0].speed) for x in (*starts, drawn.names.data["x"][0]))
 
 
 def test_the_hatched_cells_cover_what_is_not_stable_and_nothing_else() -> None:
@@ -238,7 +242,7 @@ def test_words_from_a_scenario_stay_words(kind: str) -> None:
         assert all("<script" not in words for words in views[2].titles.data["words"])
         assert all("<script" not in words for words in views[3].modes.data["words"])
     else:
-        assert any(label.startswith("<script>") for label in views[0].signs.data["label"])  # drawn as text by Bokeh
+        assert "&lt;script&gt;" in views[0].legend.text and "<script" not in views[0].legend.text
 
 
 def test_a_view_that_has_nothing_says_why_and_comes_back() -> None:
@@ -253,6 +257,43 @@ def test_a_view_that_has_nothing_says_why_and_comes_back() -> None:
     drawn = MapView(cursor)
     drawn.show(without)
     assert drawn.summary.endswith("no periodic forcing") and drawn.image.data["growth"] == []
+    assert not drawn.figure.visible and not drawn.legend.visible and "no periodic forcing" in drawn.status.text
+    drawn.show(live_view())
+    assert drawn.figure.visible and drawn.legend.visible
+
+
+def test_names_on_the_map_stand_inside_it_and_clear_of_each_other() -> None:
+    view, drawn = live_view(), MapView(Cursor())
+    first = view.map.regions[0]
+    ends = (first, replace(first, speed=float(view.map.speed[-1]), depth=float(view.map.depth[-1])),
+            replace(first, speed=float(view.map.speed[0]), depth=0.0))  # fmt: skip
+    named = tuple(replace(one, name="(w1 + w2)/3 (front heave / rear heave (1), car pitch)") for one in ends)
+    drawn.show(replace(view, map=replace(view.map, regions=named)))
+    x, y = drawn.figure.x_range, drawn.figure.y_range
+    assert "front" not in "".join(drawn.names.data["text"])
+    assert len(drawn.names.data["x"]) == 3
+    assert np.all((drawn.names.data["x"] > x.start) & (drawn.names.data["x"] < x.end))
+    assert np.all((drawn.names.data["y"] > y.start) & (drawn.names.data["y"] < y.end))
+
+
+def test_next_to_no_growth_looks_like_it() -> None:
+    view, drawn = live_view("bare"), MapView(Cursor())
+    view = view if view.map is not None else live_view()
+    weak = replace(view.map, growth=np.full_like(view.map.growth, 1e-4), state=np.full_like(view.map.state, UNSTABLE))
+    drawn.show(replace(view, map=weak))
+    assert drawn.growing.high == LEAST_SCALE and drawn.growing.palette[0] == "#fffbe6"
+    assert [bar.visible for bar in drawn.bars] == [True, False]
+
+
+@pytest.mark.parametrize("s", [-0.5 + 9j, 0.2 + 7j, 3e-3 + 2j])
+def test_both_half_planes_are_seen(s: complex) -> None:
+    low, high = both_sides(*growth_window(np.array([s])))
+    assert low < 0.0 < high and high >= 0.19 * -low and -low >= 0.44 * high and low < s.real < high
+
+
+@pytest.mark.parametrize("marker", MARKERS)
+def test_every_marker_has_its_sign_in_the_legend(marker: str) -> None:
+    assert "<svg" in marker_sign(marker, tint_of(3))
 
 
 def test_showing_again_changes_data_and_no_model() -> None:
@@ -300,6 +341,8 @@ def test_dressing_changes_ink_and_palette_and_nothing_of_the_data() -> None:
     dress(drawn.figure, False)
     assert drawn.figure.title.text_color == LIGHT.ink and drawn.marks.data == before
     assert theme_switch([drawn.figure]).args["mappers"]
+    for one in (LIGHT, DARK):
+        assert all(f"--wb-tint-{k}: {tint}" in PAGE_STYLE for k, tint in enumerate(one.palette))
 
 
 def _contrast(one: str, other: str) -> float:

@@ -5,8 +5,18 @@ from __future__ import annotations
 from typing import Any, Final
 
 import numpy as np
-from bokeh.layouts import column, row
-from bokeh.models import BoxAnnotation, ColumnDataSource, CustomJSTickFormatter, DataRange1d, FixedTicker, Range1d, Span
+from bokeh.layouts import column
+from bokeh.models import (
+    BasicTicker,
+    BoxAnnotation,
+    ColumnDataSource,
+    CustomJSTickFormatter,
+    DataRange1d,
+    FixedTicker,
+    GridBox,
+    Range1d,
+    Span,
+)
 
 from maglev_ctrl.errors import Verdict
 from maglev_ctrl.report.model import SIGNS, Cell, cell
@@ -23,11 +33,12 @@ QUANTITIES: Final = (
     ("disk_margin", "disk margin", "", 1.0, True),
     ("periodic_growth", "growth with modulation", "1/s", 1.0, False),
 )
+WIDTH, NAMED_WIDTH = 150, 370  # px at least, of a panel and of the one with the names
 _NAME: Final = """
 const place = Math.round(-tick)
 const name = source.data.label[place]
 if (name === undefined) return ''
-const short = name.length > 24 ? name.slice(0, 23) + '\u2026' : name
+const short = name.length > 30 ? name.slice(0, 29) + '\u2026' : name
 return (source.data.current[place] ? '\u25b6 ' : '') + short
 """
 
@@ -53,14 +64,18 @@ class ComparisonView:
         self.figures = tuple(self._panel(k) for k in range(len(QUANTITIES)))
         for figure in self.figures:
             dress(figure, False)
-        panels = row(*self.figures, sizing_mode="stretch_width")
+        panels = GridBox(
+            children=[(figure, 0, k) for k, figure in enumerate(self.figures)], spacing=6, sizing_mode="stretch_width",
+            cols=[f"minmax({NAMED_WIDTH}px, 1.8fr)", *([f"minmax({WIDTH}px, 1fr)"] * (len(self.figures) - 1))],
+        )  # fmt: skip
         self.root = column(panels, self.words, sizing_mode="stretch_width", name="comparison-view")
 
     def _panel(self, place: int) -> Any:
         name, words, unit, _, bad_low = QUANTITIES[place]
         label = f"{words} ({unit})" if unit else words
         drawn = frame(f"comparison-{name}", words.capitalize(), x_label=label, y_label="", height=200, zoom=False)
-        drawn.min_width = 130
+        drawn.min_width = WIDTH if place else NAMED_WIDTH
+        drawn.xaxis[0].ticker = drawn.xgrid[0].ticker = BasicTicker(desired_num_ticks=4, num_minor_ticks=0)
         drawn.y_range, drawn.x_range = self._names, DataRange1d(range_padding=0.18)
         if name == "disk_margin":
             drawn.x_range.start = 0.0
@@ -74,11 +89,7 @@ class ComparisonView:
                     left=None if bad_low else 0.0,
                     right=0.0 if bad_low else None,
                     fill_color=FAIL_COLOUR,
-                    fill_alpha=0.10,
-                    hatch_pattern="right_diagonal_line",
-                    hatch_color=FAIL_COLOUR,
-                    hatch_alpha=0.2,
-                    hatch_scale=14.0,
+                    fill_alpha=0.09,
                     line_color=None,
                     level="underlay",
                 )

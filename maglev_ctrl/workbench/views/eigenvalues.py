@@ -11,8 +11,6 @@ from bokeh.models import (
     ColumnDataSource,
     CustomJS,
     Label,
-    Legend,
-    LegendItem,
     Range1d,
     Select,
     Slope,
@@ -26,13 +24,16 @@ from maglev_ctrl.study.live.records import LiveView
 from maglev_ctrl.workbench.style import BAD, FADED, FONT, FONT_SIZE, INKED, LIGHT, MARKERS, dress
 from maglev_ctrl.workbench.views.cursor import MOVE, Cursor
 from maglev_ctrl.workbench.views.frame import frame, hover, palette_mapper, shortened, widget_style, words_only
+from maglev_ctrl.workbench.views.legend import legend_block, legend_html, marker_sign, tint_of
 from maglev_ctrl.workbench.views.shown import ShownMode, default_mode, mode_words, shown_modes
 
 _DASHES: Final = ("solid", "dashed", "dotted", "dashdot")
 _RATIOS: Final = (0.02, 0.05, 0.1, 0.3)  # damping ratios with a ray
 _TWO_PI: Final = 2.0 * np.pi
 _NONE: Final = "no modes"
-MOST_LETTERS: Final = 32  # of a name in the legend
+MOST_LETTERS: Final = 48  # of a name in the legend
+LEAST_STABLE: Final = 0.45  # how much of the stable half plane is seen beside the unstable one, times its width
+LEAST_UNSTABLE: Final = 0.2  # and the other way round
 
 # The markers' own values hold at the speed they were computed for; elsewhere they run along the tracks.
 _RUN: Final = """
@@ -90,7 +91,7 @@ class EigenvalueView:
         self.grid = ColumnDataSource({"speed": np.zeros(0), "own": np.zeros(0)})
         self.tracks = ColumnDataSource({"x": [], "y": [], "colour": [], "dash": [], "label": []})
         self.marks = ColumnDataSource(_no_marks())
-        self.signs = ColumnDataSource(_signs(()))
+        self.legend = legend_block("eigenvalue-legend")
         self.figure = frame(
             "eigenvalues", "Eigenvalues over speed", y_label="frequency (Hz)", height=380,
             x_label="growth rate Re s (1/s); dotted: damping ratio 2, 5, 10, 30 %",
@@ -108,7 +109,7 @@ class EigenvalueView:
         self._link()
         dress(self.figure, False)
         self.figures = (self.figure,)
-        self.root = column(self.picker, self.figure, sizing_mode="stretch_width", name="eigenvalue-view")
+        self.root = column(self.picker, self.figure, self.legend, sizing_mode="stretch_width", name="eigenvalue-view")
 
     def _draw(self) -> None:
         drawn = self.figure
@@ -117,11 +118,7 @@ class EigenvalueView:
             BoxAnnotation(
                 left=0.0,
                 fill_color=FAIL_COLOUR,
-                fill_alpha=0.10,
-                hatch_pattern="right_diagonal_line",
-                hatch_color=FAIL_COLOUR,
-                hatch_alpha=0.22,
-                hatch_scale=14.0,
+                fill_alpha=0.09,
                 line_color=FAIL_COLOUR,
                 line_alpha=0.8,
                 level="underlay",
@@ -169,18 +166,6 @@ class EigenvalueView:
             ])
         )  # fmt: skip
         drawn.add_tools(TapTool(renderers=[self.renderer], visible=False))
-        signs = drawn.scatter(
-            "x", "y", source=self.signs, marker="marker", size=11, fill_color=paint, line_color=LIGHT.ink,
-            line_width=0.8, fill_alpha=0.95,
-        )  # fmt: skip
-        signs.glyph.tags = [INKED]
-        # A source of its own: a legend draws its signs anew, and too early, whenever its source changes.
-        legend = Legend(
-            items=[LegendItem(label={"field": "label"}, renderers=[signs])], orientation="horizontal", ncols=3,
-            label_text_font=FONT, label_text_font_size="11px", background_fill_alpha=0.0, border_line_alpha=0.0,
-            spacing=2, padding=0, margin=0,
-        )  # fmt: skip
-        drawn.add_layout(legend, "below")
 
     def _link(self) -> None:
         args = {
@@ -207,9 +192,9 @@ class EigenvalueView:
         self.cursor.keep(labels, default_mode(shown, view.modes))
         self._show_tracks(view, shown)
         self.marks.data = _marks(view, shown, self.cursor.mode)
-        signs = _signs(shown)
-        if signs["label"] != self.signs.data["label"]:
-            self.signs.data = signs
+        legend = legend_html(_legend(shown))
+        if legend != self.legend.text:
+            self.legend.text = legend
         self.picker.options = [
             (str(k), f"{one.label}: {mode_words(view.modes, one.mode)}") for k, one in enumerate(shown)
         ] or [("0", _NONE)]
@@ -228,6 +213,7 @@ class EigenvalueView:
         self.marks.data = _no_marks()
         self.tracks.data = {"x": [], "y": [], "colour": [], "dash": [], "label": []}
         self.grid.data = {"speed": np.zeros(0), "own": np.zeros(0)}
+        self.legend.text = ""
         self.figure.title.text = words_only(f"Eigenvalues: {reason}")
         self.summary = f"Eigenvalues: {reason}"
 
@@ -273,14 +259,12 @@ def _no_marks() -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _signs(shown: tuple[ShownMode, ...]) -> dict[str, Any]:
-    """Signs of the legend, which stand nowhere in the plane."""
-    nowhere = np.full(len(shown), np.nan)
-    return {
-        "x": nowhere, "y": nowhere, "label": [shortened(one.label, MOST_LETTERS) for one in shown],
-        "colour": np.array([one.colour % len(LIGHT.palette) for one in shown], dtype=np.int32),
-        "marker": [MARKERS[one.colour % len(MARKERS)] for one in shown],
-    }  # fmt: skip
+def _legend(shown: tuple[ShownMode, ...]) -> list[tuple[str, str]]:
+    """Marker and name of every shown mode."""
+    return [
+        (marker_sign(MARKERS[one.colour % len(MARKERS)], tint_of(one.colour)), shortened(one.label, MOST_LETTERS))
+        for one in shown
+    ]
 
 
 def _marks(view: LiveView, shown: tuple[ShownMode, ...], picked: int) -> dict[str, Any]:
@@ -310,11 +294,22 @@ def _window(view: LiveView, shown: tuple[ShownMode, ...]) -> tuple[float, float,
     if view.tracks is not None:
         values.append(view.tracks.s[:, [one.track for one in shown if one.track >= 0]].ravel())
     s = np.concatenate(values) if values else np.zeros(0, dtype=complex)
-    low, high = growth_window(s)
+    low, high = both_sides(*growth_window(s))
     with np.errstate(invalid="ignore"):
         seen = s.imag[(s.real >= low) & (s.real <= high)]
     top = float(np.max(seen, initial=0.0)) / _TWO_PI or 1.0
     return -_step(-low), _step(high), -0.04 * _step(1.08 * top), _step(1.08 * top)
+
+
+def both_sides(low: float, high: float) -> tuple[float, float]:
+    """The window with enough of both half planes in it to see at a glance on which side a mode stands.
+
+    Examples
+    --------
+    >>> both_sides(-1.0, 0.02), both_sides(-0.02, 1.0)
+    ((-1.0, 0.2), (-0.45, 1.0))
+    """
+    return min(low, -LEAST_STABLE * high), max(high, LEAST_UNSTABLE * -low)
 
 
 def _step(value: float) -> float:

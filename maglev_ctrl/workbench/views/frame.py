@@ -10,8 +10,6 @@ from bokeh.models import (
     Div,
     HoverTool,
     InlineStyleSheet,
-    Legend,
-    LegendItem,
     LinearColorMapper,
     PanTool,
     ResetTool,
@@ -25,13 +23,15 @@ from maglev_ctrl.workbench.style import FONT, FONT_SIZE, LIGHT
 _TICK = f"return `${{Number(tick.toPrecision(8))}}`.replace('-', '{MINUS}')"
 WORDS_STYLE = f"""
 :host {{ font-family: {FONT}; font-size: 13px; line-height: 1.35; color: var(--wb-ink, {LIGHT.ink}); }}
+.bk-clearfix {{ font-family: {FONT}; }}
 p {{ margin: 0.2em 0; }}
 .quiet {{ color: var(--wb-faded, {LIGHT.faded}); }}
 .checked {{ font-weight: 600; }}
 """
 
 _WIDGET_STYLE = f"""
-:host {{ color: var(--wb-ink, {LIGHT.ink}); font-family: {FONT}; }}
+:host {{ color: var(--wb-ink, {LIGHT.ink}); }}
+.bk-input, .bk-btn, label {{ font-family: {FONT}; font-size: 13px; }}
 .bk-input, .bk-btn, .bk-btn:hover, .bk-btn.bk-active {{ background-color: var(--wb-paper, {LIGHT.paper});
   color: var(--wb-ink, {LIGHT.ink}); border-color: var(--wb-faded, {LIGHT.faded}); }}
 .bk-btn.bk-active {{ border-width: 2px; font-weight: 600; }}
@@ -67,9 +67,7 @@ def frame(name: str, words: str, *, x_label: str, y_label: str, height: int = 34
         axis.axis_label_text_font_size = axis.major_label_text_font_size = FONT_SIZE
         axis.axis_label_text_font_style = "normal"
         axis.minor_tick_line_color = None
-        axis.formatter = CustomJSTickFormatter(
-            code=f"return `${{Number(tick.toPrecision(8))}}`.replace('-', '{MINUS}')"
-        )
+        axis.formatter = CustomJSTickFormatter(code=_TICK)
     drawn.outline_line_width = 1
     return drawn
 
@@ -112,7 +110,7 @@ def palette_mapper() -> LinearColorMapper:
     return LinearColorMapper(palette=list(LIGHT.palette), low=-0.5, high=count - 0.5, tags=["themed"])
 
 
-def hover(renderers: list[Any], rows: list[tuple[str, str]], **options: Any) -> HoverTool:
+def hover(renderers: list[Any], rows: list[tuple[str, str]]) -> HoverTool:
     """A pointer that tells rows of names and columns; Bokeh escapes what stands in the columns."""
     return HoverTool(renderers=renderers, tooltips=rows, visible=False)
 
@@ -123,16 +121,6 @@ def words_block(name: str, html: str = "") -> Div:
         text=html, name=name, disable_math=True, sizing_mode="stretch_width", margin=(0, 5, 2, 5),
         stylesheets=[InlineStyleSheet(css=WORDS_STYLE)],
     )  # fmt: skip
-
-
-def sample_legend(drawn: Any, samples: list[tuple[str, Any]], *, columns: int = 3) -> None:
-    """A legend below a figure whose signs do not depend on what is shown at the moment."""
-    legend = Legend(
-        items=[LegendItem(label=words, renderers=[sign]) for words, sign in samples], orientation="horizontal",
-        ncols=columns, label_text_font=FONT, label_text_font_size="11px", background_fill_alpha=0.0,
-        border_line_alpha=0.0, spacing=8, padding=0, margin=0,
-    )  # fmt: skip
-    drawn.add_layout(legend, "below")
 
 
 def widget_style() -> InlineStyleSheet:

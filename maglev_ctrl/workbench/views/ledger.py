@@ -24,12 +24,18 @@ from maglev_ctrl.report.style import number
 from maglev_ctrl.study.live.records import LiveView
 from maglev_ctrl.workbench.style import INKED, LIGHT, SOLID, dress
 from maglev_ctrl.workbench.views.cursor import Cursor
-from maglev_ctrl.workbench.views.frame import frame, hover, sample_legend, words_block, words_only
+from maglev_ctrl.workbench.views.frame import frame, hover, words_block, words_only
+from maglev_ctrl.workbench.views.legend import INK, box_sign, legend_block, marker_sign
 from maglev_ctrl.workbench.views.shown import default_mode, mode_words, shown_modes
 from maglev_ctrl.workbench.views.table import escaped
 
 MOST_ROWS: Final = 10
 SUM: Final = "sum = growth rate"
+_LEGEND: Final = (
+    (box_sign(LIGHT.palette[0]), "through damping"),
+    (box_sign("transparent", "right_diagonal_line", LIGHT.palette[1]), "through circulation (non-symmetric stiffness)"),
+    (marker_sign("diamond", INK), SUM),
+)
 _PICKED: Final = """
 const mode = Number(cursor.data.mode[0])
 const found = []
@@ -84,11 +90,12 @@ class LedgerView:
         self.figure = frame(
             "ledger", "Energy ledger", x_label="share of the growth rate (1/s)", y_label="", height=340, zoom=False
         )
+        self.legend = legend_block("ledger-legend", _LEGEND)
         self._draw()
         self._link()
         dress(self.figure, False)
         self.figures = (self.figure,)
-        self.root = column(self.figure, self.words, sizing_mode="stretch_width", name="ledger-view")
+        self.root = column(self.figure, self.legend, self.words, sizing_mode="stretch_width", name="ledger-view")
 
     def _draw(self) -> None:
         drawn = self.figure
@@ -120,24 +127,6 @@ class LedgerView:
             hover(bars, [("element", "@name"), ("through damping", "@damping{0.00000} 1/s"),
                          ("through circulation", "@circulatory{0.00000} 1/s")])
         )  # fmt: skip
-        sample_legend(drawn, self._samples())
-
-    def _samples(self) -> list[tuple[str, Any]]:
-        """Signs of the legend."""
-        drawn, samples = self.figure, []
-        for words, tint, pattern in (
-            ("through damping", LIGHT.palette[0], None),
-            ("through circulation (non-symmetric stiffness)", LIGHT.palette[1], "/"),
-        ):
-            sign = drawn.hbar(
-                y=[np.nan], right=[np.nan], left=[np.nan], height=0.3, fill_color=tint, line_color=tint,
-                fill_alpha=0.9 if pattern is None else 0.35, hatch_pattern=pattern, hatch_color=tint, hatch_scale=8.0,
-                hatch_weight=1.6,
-            )  # fmt: skip
-            samples.append((words, sign))
-        total = drawn.scatter([np.nan], [np.nan], marker="diamond", size=13, fill_color=LIGHT.ink, line_color=LIGHT.ink)
-        total.glyph.tags = [INKED, SOLID]
-        return [*samples, (SUM, total)]
 
     def _link(self) -> None:
         args = {
@@ -207,10 +196,11 @@ def ledger_rows(groups: Mapping[str, list[int]], found: Modes, mode: int) -> tup
         rest = kept[MOST_ROWS - 1 :]
         others = (f"{len(rest)} others", sum(row[1] for row in rest), sum(row[2] for row in rest))
         kept = [*kept[: MOST_ROWS - 1], others]
-    growth = float(found.ledger.growth[mode])
+    growth, residual = float(found.ledger.growth[mode]), abs(float(found.ledger.residual[mode]))
+    within = "" if residual <= 1e-9 * abs(growth) else f" to within {number(residual, '1/s')}"
     said = (
         f"Bars to the right feed the mode, bars to the left damp it. They add up to {number(growth, '1/s')}, which is "
-        f"the growth rate to within {number(abs(float(found.ledger.residual[mode])), '1/s')}."
+        f"the growth rate{within}."
     )
     return kept, said
 

@@ -21,12 +21,16 @@ from bokeh.models import (
 )
 
 from maglev_ctrl.analysis.plane_records import NO_ANSWER, UNRESOLVED, UNSTABLE
+from maglev_ctrl.report.chart import Line, Note
+from maglev_ctrl.report.charts_periodic import short_words
+from maglev_ctrl.report.labels import Anchor, Room, placed
 from maglev_ctrl.report.raster import outer_edges, rectangles
-from maglev_ctrl.report.style import ON_MAP, RAMPS, Ramp, number
+from maglev_ctrl.report.style import ON_MAP, RAMPS, number
 from maglev_ctrl.study.live.records import LiveMap, LiveView
-from maglev_ctrl.workbench.style import FONT, FONT_SIZE, INKED, LIGHT, dress
+from maglev_ctrl.workbench.style import FONT, FONT_SIZE, dress
 from maglev_ctrl.workbench.views.cursor import MOVE, Cursor
-from maglev_ctrl.workbench.views.frame import frame, sample_legend, shortened, words_block, words_only
+from maglev_ctrl.workbench.views.frame import frame, words_block, words_only
+from maglev_ctrl.workbench.views.legend import INK, box_sign, legend_block, line_sign, marker_sign
 from maglev_ctrl.workbench.views.map_image import boundary_line, even_map, map_words, state_words
 from maglev_ctrl.workbench.views.table import escaped
 
@@ -34,10 +38,19 @@ KILOMETRES_PER_HOUR: Final = 3.6
 PER_CENT: Final = 100.0
 NOT_CHECKED: Final = "Fast map, not checked yet."
 CHECKED: Final = "Checked by two engines."
-MOST_LETTERS: Final = 28  # of a name on the map
+MOST_NAMES: Final = 6  # on the map; the others are in its summary
+LEAST_SCALE: Final = 0.05  # 1/s: growth that is next to nothing looks like next to nothing
+_ROOM: Final = (4.0, 2.6)  # in at the size of print: a plane of 430 by 280 px
 _CLEAR: Final = "rgba(0, 0, 0, 0)"
 _STATES: Final = ("#d4e2ee", "#f4f4f4", "#f98c0a", "#9b9b9b")  # stable, unresolved, unstable, no answer: without growth
+_PALE: Final = ("#fffbe6", "#fdf0a8")  # before the printed ramp: what hardly grows
 _PATTERNS: Final = {UNSTABLE: "right_diagonal_line", UNRESOLVED: "criss_cross", NO_ANSWER: "dot"}
+_LEGEND: Final = (
+    (marker_sign("circle_cross", INK), "cursor: tap or drag"), (line_sign(1.6), "boundary"),
+    (box_sign(_STATES[2], _PATTERNS[UNSTABLE], ON_MAP), "unstable"),
+    (box_sign(_STATES[1], _PATTERNS[UNRESOLVED], ON_MAP), "UNRESOLVED"),
+    (box_sign(_STATES[3], _PATTERNS[NO_ANSWER], ON_MAP), "no answer"),
+)  # fmt: skip
 _BETWEEN: Final = 45  # ms between the moves of a drag that the server hears of
 
 _POINT: Final = f"""
@@ -79,11 +92,13 @@ class MapView:
         self.image = ColumnDataSource(_no_image())
         self.cells = ColumnDataSource(_no_cells())
         self.line = ColumnDataSource({"x": np.zeros(0), "y": np.zeros(0)})
-        self.names = ColumnDataSource({"x": np.zeros(0), "y": np.zeros(0), "text": []})
+        self.names = ColumnDataSource(_no_names())
+        self.leaders = ColumnDataSource({"x": [], "y": []})
         self.at = ColumnDataSource({
             "x": [cursor.speed * KILOMETRES_PER_HOUR], "y": [cursor.depth * PER_CENT]
         })  # fmt: skip
         self.status = words_block("map-status")
+        self.legend = legend_block("map-legend", _LEGEND)
         self.figure = frame(
             "map", "Resonance map", x_label="speed (km/h)", y_label="modulation depth (%)", height=380, zoom=False
         )
@@ -91,15 +106,17 @@ class MapView:
         self._link()
         dress(self.figure, False)
         self.figures = (self.figure,)
-        self.root = column(self.status, self.figure, sizing_mode="stretch_width", name="map-view")
+        self.root = column(self.status, self.figure, self.legend, sizing_mode="stretch_width", name="map-view")
 
     def _draw(self) -> None:
         drawn = self.figure
         drawn.x_range, drawn.y_range = Range1d(0.0, 1.0), Range1d(0.0, 1.0)
         drawn.grid.visible = False
-        self.growing = LinearColorMapper(palette=_ramp("growth"), low=0.0, high=1.0, low_color=_CLEAR, nan_color=_CLEAR)
+        self.growing = LinearColorMapper(
+            palette=_ramp((*_PALE, *RAMPS["growth"])), low=0.0, high=1.0, low_color=_CLEAR, nan_color=_CLEAR
+        )
         self.decaying = LinearColorMapper(
-            palette=_ramp("decay")[::-1], low=-1.0, high=0.0, high_color=_CLEAR, nan_color=_CLEAR
+            palette=_ramp(RAMPS["decay"])[::-1], low=-1.0, high=0.0, high_color=_CLEAR, nan_color=_CLEAR
         )
         states = LinearColorMapper(palette=list(_STATES), low=-1.5, high=2.5, nan_color=_CLEAR)
         where = {"x": "x", "y": "y", "dw": "dw", "dh": "dh", "source": self.image}
@@ -108,9 +125,10 @@ class MapView:
         drawn.image("growth", color_mapper=self.growing, **where)
         drawn.quad(
             "left", "right", "bottom", "top", source=self.cells, fill_color=None, line_color=None,
-            hatch_pattern="pattern", hatch_color=ON_MAP, hatch_alpha=0.42, hatch_scale=9.0, hatch_weight=0.7,
+            hatch_pattern="pattern", hatch_color=ON_MAP, hatch_alpha=0.24, hatch_scale=13.0, hatch_weight=0.7,
         )  # fmt: skip
         drawn.line("x", "y", source=self.line, line_color=ON_MAP, line_width=1.6)
+        drawn.multi_line("x", "y", source=self.leaders, line_color=ON_MAP, line_width=0.8)
         drawn.text(
             "x", "y", "text", source=self.names, text_font=value(FONT), text_font_size=FONT_SIZE, text_color=ON_MAP,
             text_align="center", text_baseline="middle", background_fill_color="#ffffff",
@@ -125,7 +143,7 @@ class MapView:
             line_color=ON_MAP, line_width=2.0,
         )  # fmt: skip
         drawn.add_tools(_hover(below))
-        self._legend()
+        bars = []
         for mapper, words in ((self.growing, "growth (1/s)"), (self.decaying, "decay (1/s)")):
             bar = ColorBar(
                 color_mapper=mapper, title=words, width=10, height="auto", title_text_font=FONT, location=(4, 0),
@@ -134,25 +152,8 @@ class MapView:
                 margin=2, formatter=CustomJSTickFormatter(code="return `${Math.abs(Number(tick.toPrecision(4)))}`"),
             )  # fmt: skip
             drawn.add_layout(bar, "right")
-
-    def _legend(self) -> None:
-        """What stands for what, without names of the scenario: hatches, the line and the cross-hair."""
-        drawn = self.figure
-        place = ([np.nan], [np.nan])
-        here = drawn.scatter(
-            *place, size=13, marker="circle_cross", fill_color=None, line_color=LIGHT.ink, line_width=2
-        )
-        edge = drawn.line(*place, line_color=LIGHT.ink, line_width=1.6)
-        samples = [("cursor: tap or drag", here), ("boundary", edge)]
-        for _, sign in samples:
-            sign.glyph.tags = [INKED]
-        for state, words in ((UNSTABLE, "unstable"), (UNRESOLVED, "UNRESOLVED"), (NO_ANSWER, "no answer")):
-            sign = drawn.quad(
-                *place, *place, fill_color=_STATES[state + 1], line_color="#5f6670", hatch_pattern=_PATTERNS[state],
-                hatch_color=ON_MAP, hatch_alpha=0.6, hatch_scale=7.0, hatch_weight=0.8,
-            )  # fmt: skip
-            samples.append((words, sign))
-        sample_legend(drawn, samples, columns=5)
+            bars.append(bar)
+        self.bars = tuple(bars)
 
     def _link(self) -> None:
         args = {
@@ -184,18 +185,17 @@ class MapView:
         self.cells.data = _cells(x, y, shown.state)
         across, up = boundary_line(x, y, shown)
         self.line.data = {"x": across, "y": up}
-        regions = view.map.regions
-        self.names.data = {
-            "x": np.array([KILOMETRES_PER_HOUR * one.speed for one in regions]),
-            "y": np.array([PER_CENT * one.depth for one in regions]),
-            "text": [shortened(one.name, MOST_LETTERS) for one in regions],
-        }  # fmt: skip
+        self.names.data, self.leaders.data = _names(view.map, (left, right), (max(low, 0.0), high), shown.state)
+        self._appear(True)
         self._tell(view, view.map)
 
     def _limits(self, signed: np.ndarray[Any, Any]) -> None:
         known = signed[np.isfinite(signed)]
-        high = float(np.max(known, initial=0.0)) or 1.0
+        high = max(float(np.max(known, initial=0.0)), LEAST_SCALE)
         decay = -known[known < 0.0]
+        for bar, needed in zip(self.bars, (bool(np.any(known > 0.0)), bool(decay.size)), strict=True):
+            if bar.visible != needed:
+                bar.visible = needed
         low = -(float(np.percentile(decay, 95.0)) if decay.size else 1.0)
         if (self.growing.high, self.decaying.low) != (high, low):
             self.growing.high, self.decaying.low = high, low
@@ -211,19 +211,48 @@ class MapView:
             f"{number(PER_CENT * view.depth, '%')}: {state_words(found, view.speed, view.depth)}. {checked}{note}"
         )
 
+    def _appear(self, seen: bool) -> None:
+        """Figure and legend are there only with a map in them: empty axes would say that there is one."""
+        for model in (self.figure, self.legend):
+            if model.visible != seen:
+                model.visible = seen
+
     def clear(self, reason: str) -> None:
         """Nothing to show, and why."""
         self.image.data, self.cells.data = _no_image(), _no_cells()
         self.line.data = {"x": np.zeros(0), "y": np.zeros(0)}
-        self.names.data = {"x": np.zeros(0), "y": np.zeros(0), "text": []}
+        self.names.data, self.leaders.data = _no_names(), {"x": [], "y": []}
+        self._appear(False)
         self.status.text = f"<p>{escaped(reason)}</p>"
         self.figure.title.text = "Resonance map"
         self.summary = f"Map: {reason}"
 
 
-def _ramp(name: Ramp) -> list[str]:
-    """The ramp of the printed maps in even steps, fine enough to look smooth."""
-    stops = np.array([[int(tint[i : i + 2], 16) for i in (1, 3, 5)] for tint in RAMPS[name]], dtype=float)
+def _no_names() -> dict[str, Any]:
+    return {"x": np.zeros(0), "y": np.zeros(0), "text": []}
+
+
+def _names(
+    found: LiveMap, across: tuple[float, float], up: tuple[float, float], state: np.ndarray[Any, Any]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Names of the regions inside the frame and clear of each other, and lines to what stands beside its name."""
+    anchors = [
+        Anchor(KILOMETRES_PER_HOUR * one.speed, PER_CENT * one.depth, short_words(one.name))
+        for one in found.regions[:MOST_NAMES]
+    ]
+    items, _ = placed(anchors, Room(across, up, _ROOM, state == UNSTABLE))
+    notes = [one for one in items if isinstance(one, Note)]
+    lines = [one for one in items if isinstance(one, Line)]
+    names = {
+        "x": np.array([one.x for one in notes]), "y": np.array([one.y for one in notes]),
+        "text": [one.text for one in notes],
+    }  # fmt: skip
+    return names, {"x": [one.x for one in lines], "y": [one.y for one in lines]}
+
+
+def _ramp(tints: tuple[str, ...]) -> list[str]:
+    """A ramp in even steps, fine enough to look smooth."""
+    stops = np.array([[int(tint[i : i + 2], 16) for i in (1, 3, 5)] for tint in tints], dtype=float)
     places = np.linspace(0.0, len(stops) - 1.0, 128)
     mixed = [np.interp(places, np.arange(len(stops)), stops[:, part]) for part in range(3)]
     return [f"#{round(r):02x}{round(g):02x}{round(b):02x}" for r, g, b in zip(*mixed, strict=True)]

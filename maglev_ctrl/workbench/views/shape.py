@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from bokeh.core.properties import value
 from bokeh.layouts import column, row
-from bokeh.models import ColumnDataSource, CustomJS, Range1d, Slider, Toggle
+from bokeh.models import ColumnDataSource, CustomJS, Range1d, Select, Toggle
 
 from maglev_ctrl.analysis.modes import Modes
 from maglev_ctrl.arrays import ComplexArray
@@ -18,17 +18,21 @@ from maglev_ctrl.workbench.views.cursor import Cursor
 from maglev_ctrl.workbench.views.frame import (
     frame,
     palette_mapper,
-    sample_legend,
     widget_style,
     words_block,
     words_only,
 )
+from maglev_ctrl.workbench.views.legend import legend_block, line_sign
 from maglev_ctrl.workbench.views.shape_parts import AXIS_WORDS, Scene, moved
 from maglev_ctrl.workbench.views.shown import ShownMode, default_mode, mode_words, shown_modes
 from maglev_ctrl.workbench.views.table import escaped
 
 LEAST_CYCLE: Final = 0.4  # a cycle shown lets a mode grow or decay by no more than this factor, or its inverse
 PAUSE, PLAY = "Pause", "Play"
+AMPLITUDES: Final = (("0", "none"), ("0.5", "half"), ("1", "normal"), ("2", "double"), ("3", "threefold"))
+_LEGEND: Final = (
+    (line_sign(1.4), "springs and dampers"), (line_sign(4.0), "actuators"), (line_sign(3.2), "magnets"),
+)  # fmt: skip
 
 
 class ShapeView:
@@ -58,27 +62,28 @@ class ShapeView:
         self.rail = ColumnDataSource({"x": np.zeros(0), "y": np.zeros(0)})
         self.names = ColumnDataSource({"x": np.zeros(0), "y": np.zeros(0), "text": []})
         self.figure = frame("shape", "Mode shape", x_label="along the track (m)", y_label="", height=280, zoom=False)
-        self.play = Toggle(label=PAUSE, active=True, name="shape-play", width=80, stylesheets=[widget_style()])
+        self.play = Toggle(
+            label=PAUSE, active=True, name="shape-play", width=80, align="end", stylesheets=[widget_style()]
+        )
         self.grow = Toggle(
-            label="Show growth and decay", active=False, name="shape-grow", width=190, stylesheets=[widget_style()]
-        )
-        self.amplitude = Slider(
-            start=0.0,
-            end=3.0,
-            step=0.1,
-            value=1.0,
-            title="Amplitude",
-            name="shape-amplitude",
-            width=170,
+            label="Show growth and decay", active=False, name="shape-grow", width=190, align="end",
             stylesheets=[widget_style()],
-        )
+        )  # fmt: skip
+        # A list rather than Bokeh's slider, whose handle has no name for those who hear the page.
+        self.amplitude = Select(
+            title="Amplitude", options=list(AMPLITUDES), value="1", name="shape-amplitude", width=110,
+            stylesheets=[widget_style()],
+        )  # fmt: skip
+        self.legend = legend_block("shape-legend", _LEGEND)
         self.words = words_block("shape-words")
         self._draw()
         self._link()
         dress(self.figure, False)
         self.figures = (self.figure,)
         controls = row(self.play, self.grow, self.amplitude, sizing_mode="stretch_width")
-        self.root = column(self.figure, controls, self.words, sizing_mode="stretch_width", name="shape-view")
+        self.root = column(
+            self.figure, self.legend, controls, self.words, sizing_mode="stretch_width", name="shape-view"
+        )
 
     def _draw(self) -> None:
         drawn = self.figure
@@ -100,12 +105,6 @@ class ShapeView:
         named = drawn.text("x", "y", "text", source=self.names, text_font=value(FONT), text_font_size="12px",
                            text_align="center", text_baseline="middle", text_color=LIGHT.ink)  # fmt: skip
         named.glyph.tags = [INKED]
-        samples = []
-        for words, width in (("springs and dampers", 1.4), ("actuators", 4.0), ("magnets", 3.2)):
-            sign = drawn.line([np.nan], [np.nan], line_color=LIGHT.ink, line_width=width)
-            sign.glyph.tags = [INKED]
-            samples.append((words, sign))
-        sample_legend(drawn, samples)
 
     def _link(self) -> None:
         args = {

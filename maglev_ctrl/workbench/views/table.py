@@ -12,7 +12,7 @@ from maglev_ctrl.workbench.style import FONT, LIGHT
 
 TABLE_STYLE: Final = f"""
 :host {{ font-family: {FONT}; font-size: 13px; line-height: 1.35; color: var(--wb-ink, {LIGHT.ink}); }}
-.bk-clearfix {{ display: block; width: 100%; }}
+.bk-clearfix {{ display: block; width: 100%; font-family: {FONT}; }}
 .scroll {{ overflow-x: auto; }}
 table {{ border-collapse: collapse; width: 100%; margin: 0.2em 0 0.9em; }}
 caption {{ text-align: left; font-weight: 600; padding: 0.3em 0; }}
