@@ -195,9 +195,9 @@ class EigenvalueView:
         legend = legend_html(_legend(shown))
         if legend != self.legend.text:
             self.legend.text = legend
-        self.picker.options = [
-            (str(k), f"{one.label}: {mode_words(view.modes, one.mode)}") for k, one in enumerate(shown)
-        ] or [("0", _NONE)]
+        options = _options(view, shown)
+        if options != self.picker.options:
+            self.picker.options = options
         self.picker.value = str(self.cursor.mode)
         self._zoom(view, shown)
         self.figure.title.text = words_only(f"Eigenvalues of {view.label} over speed")
@@ -257,6 +257,16 @@ def _no_marks() -> dict[str, Any]:
         **{name: np.zeros(0) for name in names}, "colour": np.zeros(0, dtype=np.int32),
         "row": np.zeros(0, dtype=np.int32), "marker": [], "label": [], "kind": [],
     }  # fmt: skip
+
+
+def _options(view: LiveView, shown: tuple[ShownMode, ...]) -> list[tuple[str, str]]:
+    """The list of modes; their numbers once the view rests, for a list that changes lays out the page again."""
+    found = view.modes
+    if found is None or not shown:
+        return [("0", _NONE)]
+    if not view.settled:
+        return [(str(k), one.label) for k, one in enumerate(shown)]
+    return [(str(k), f"{one.label}: {mode_words(found, one.mode)}") for k, one in enumerate(shown)]
 
 
 def _legend(shown: tuple[ShownMode, ...]) -> list[tuple[str, str]]:

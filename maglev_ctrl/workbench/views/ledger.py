@@ -24,7 +24,7 @@ from maglev_ctrl.report.style import number
 from maglev_ctrl.study.live.records import LiveView
 from maglev_ctrl.workbench.style import INKED, LIGHT, SOLID, dress
 from maglev_ctrl.workbench.views.cursor import Cursor
-from maglev_ctrl.workbench.views.frame import frame, hover, words_block, words_only
+from maglev_ctrl.workbench.views.frame import TELL, frame, hover, words_block, words_only
 from maglev_ctrl.workbench.views.legend import INK, box_sign, legend_block, marker_sign
 from maglev_ctrl.workbench.views.shown import default_mode, mode_words, shown_modes
 from maglev_ctrl.workbench.views.table import escaped
@@ -51,7 +51,9 @@ for (let i = 0; i < modes.length; i++) {
 }
 return ''
 """
-_FOLLOW: Final = """
+_FOLLOW: Final = (
+    TELL
+    + """
 const mode = Number(cursor.data.mode[0])
 let reach = 0, rows = 0
 const {mode: modes, damping, circulatory, slot} = source.data
@@ -61,13 +63,14 @@ for (let i = 0; i < modes.length; i++) {
   for (const value of [damping[i], circulatory[i]]) if (Math.abs(value) > reach) reach = Math.abs(value)
 }
 const told = titles.data
-figure.title.text = told.title[mode] ?? 'Energy ledger'
-words.text = told.words[mode] ?? ''
-if (reach > 0) x_range.setv({start: -1.12 * reach, end: 1.12 * reach})
-y_range.setv({start: 0.4 - Math.max(rows, 1), end: 0.7})
+figure.title.setv({text: told.title[mode] ?? 'Energy ledger'}, {sync: false})
+tell(words, told.words[mode] ?? told.words[0] ?? '')
+if (reach > 0) x_range.setv({start: -1.12 * reach, end: 1.12 * reach}, {sync: false})
+y_range.setv({start: 0.4 - Math.max(rows, 1), end: 0.7}, {sync: false})
 source.change.emit()
 figure.request_paint?.()
 """
+)
 
 
 class LedgerView:
@@ -156,7 +159,7 @@ class LedgerView:
         self.titles.data = {"title": titles, "words": words}
         place = min(max(self.cursor.mode, 0), len(shown) - 1)
         if place >= 0:
-            self.figure.title.text, self.words.text = titles[place], words[place]
+            self.figure.title.text = titles[place]
             rows, said = tables[place][1], ledger_rows(groups, view.modes, shown[place].mode)[1]
             told = ", ".join(f"{name} {number(a + b, '1/s')}" for name, a, b in rows[:3])
             label = shown[place].label
@@ -165,9 +168,9 @@ class LedgerView:
     def clear(self, reason: str) -> None:
         """Nothing to show, and why."""
         self.rows.data = _no_rows()
-        self.titles.data = {"title": [], "words": []}
-        self.figure.title.text = "Energy ledger"
-        self.words.text = f"<p>{escaped(reason)}</p>"
+        told = f"<p>{escaped(reason)}</p>"
+        self.titles.data = {"title": ["Energy ledger"], "words": [told]}
+        self.figure.title.text, self.words.text = "Energy ledger", told
         self.summary = f"Energy ledger: {reason}"
 
 

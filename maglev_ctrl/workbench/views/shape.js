@@ -30,19 +30,20 @@ function gather() {
   state.parts = parts
   const own = modes.data
   const known = mode >= 0 && mode < own.left.length
-  rail.data = known && Number.isFinite(own.level[mode])
-    ? {x: [own.left[mode], own.right[mode]], y: [own.level[mode], own.level[mode]]} : {x: [], y: []}
-  names.data = known ? {x: [...own.names_x[mode]], y: [...own.names_y[mode]], text: [...own.names[mode]]}
-    : {x: [], y: [], text: []}
+  const here = {sync: false} // what the browser makes of its data is its own: the server need not hear of it
+  rail.setv({data: known && Number.isFinite(own.level[mode])
+    ? {x: [own.left[mode], own.right[mode]], y: [own.level[mode], own.level[mode]]} : {x: [], y: []}}, here)
+  names.setv({data: known ? {x: [...own.names_x[mode]], y: [...own.names_y[mode]], text: [...own.names[mode]]}
+    : {x: [], y: [], text: []}}, here)
   const rest = parts.filter((part) => part.kind === 0)
   const around = (part, column) => [...at[column].slice(part.from, part.to), at[column][part.from]]
-  still.data = {xs: rest.map((part) => around(part, "x")), ys: rest.map((part) => around(part, "y"))}
-  if (!known) { words.visible = true; return }
-  x_range.setv({start: own.left[mode], end: own.right[mode]})
-  y_range.setv({start: own.bottom[mode], end: own.top[mode]})
-  figure.title.text = own.title[mode]
-  axis.axis_label = own.axis[mode]
-  words.text = own.words[mode]
+  still.setv({data: {xs: rest.map((part) => around(part, "x")), ys: rest.map((part) => around(part, "y"))}}, here)
+  if (!known) return
+  x_range.setv({start: own.left[mode], end: own.right[mode]}, here)
+  y_range.setv({start: own.bottom[mode], end: own.top[mode]}, here)
+  figure.title.setv({text: own.title[mode]}, here)
+  axis.setv({axis_label: own.axis[mode]}, here)
+  tell(words, own.words[mode])
 }
 
 function draw(time) {
@@ -84,7 +85,8 @@ function turn(now) {
     state.drawn = performance.now()
     draw(now - state.started)
   }
-  requestAnimationFrame(turn)
+  // Frames nobody draws in cost as well: the next one is asked for when it is due.
+  setTimeout(() => requestAnimationFrame(turn), answering ? 2 * FRAME : FRAME / 2)
 }
 
 function wake() {

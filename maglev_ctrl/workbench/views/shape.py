@@ -16,6 +16,7 @@ from maglev_ctrl.study.live.records import LiveView
 from maglev_ctrl.workbench.style import FADED, FONT, INKED, LIGHT, dress
 from maglev_ctrl.workbench.views.cursor import Cursor
 from maglev_ctrl.workbench.views.frame import (
+    TELL,
     frame,
     palette_mapper,
     widget_style,
@@ -115,7 +116,7 @@ class ShapeView:
             "amplitude": self.amplitude, "words": self.words, "axis": self.figure.xaxis[0],
         }  # fmt: skip
         code = files("maglev_ctrl.workbench.views").joinpath("shape.js").read_text(encoding="utf-8")
-        run = CustomJS(args=args, code=code)
+        run = CustomJS(args=args, code=TELL + code)
         self.cursor.source.js_on_change("data", run)
         self.modes.js_on_change("data", run)
         self.figure.js_on_change("inner_width", run)
@@ -130,6 +131,8 @@ class ShapeView:
             return
         shown = shown_modes(view)
         self.cursor.keep(tuple(one.label for one in shown), default_mode(shown, view.modes))
+        if self.words.text:
+            self.words.text = ""  # why there was nothing; what is said of a mode is put there by the browser
         shapes = [moved(view.vehicle, view.modes.shapes[:, one.mode]) for one in shown]
         self.points.data = _points(shapes)
         self.modes.data = _modes(view.modes, shown, shapes)

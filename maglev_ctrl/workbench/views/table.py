@@ -15,6 +15,7 @@ TABLE_STYLE: Final = f"""
 .bk-clearfix {{ display: block; width: 100%; font-family: {FONT}; }}
 .scroll {{ overflow-x: auto; }}
 table {{ border-collapse: collapse; width: 100%; margin: 0.2em 0 0.9em; }}
+td:last-child:not(.right) {{ min-width: 13em; }}
 caption {{ text-align: left; font-weight: 600; padding: 0.3em 0; }}
 th, td {{ text-align: left; padding: 0.28em 0.7em 0.28em 0; border-bottom: 1px solid var(--wb-grid, {LIGHT.grid});
   vertical-align: top; }}
