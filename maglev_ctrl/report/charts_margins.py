@@ -74,6 +74,11 @@ def exclusion_disk(alpha: float) -> tuple[float, float] | None:
     return -(near + far) / 2.0, (far - near) / 2.0
 
 
+def disk_words(disk: DiskMargin) -> str:
+    """The disk margin in words; a bound is told as one where it is all that is known."""
+    return ("≥ " if math.isnan(disk.alpha) else "") + number(disk_value(disk))
+
+
 def _nyquist_panel(curve: NyquistCurve, alpha: float) -> Panel:
     angle = np.linspace(0.0, 2.0 * np.pi, 91)
     items: list[Item] = [Area(np.cos(angle[:-1]), np.sin(angle[:-1]), edge=FADED, dash="dot", width=0.8)]
@@ -157,7 +162,7 @@ def _margin_panel(comparison: Comparison, name: str, *, first: bool) -> Panel:
         if found is None:
             continue
         unit, limit, sense = found.unit, found.limit, found.sense
-        wished = "" if found.hard else ", a wish"
+        wished = "" if found.hard else " (a wish)"
         if found.verdict is Verdict.NOT_EVALUATED or math.isnan(found.margin_percent):
             word = "not evaluated" if found.verdict is Verdict.NOT_EVALUATED else found.verdict.value
             items.append(Note(4.0, at, word, "left", "center", UNKNOWN_COLOUR, True))
@@ -199,7 +204,7 @@ def _margin_panel(comparison: Comparison, name: str, *, first: bool) -> Panel:
             ticks=tuple(-float(i) for i in range(len(options))),
             tick_labels=tuple(_short(o.label) for o in options) if first else tuple("" for _ in options),
         ),
-        title=f"{name}\n{word} {number(limit, unit)}{wished}",
+        title=f"{_short(name)}{wished}\n{word} {number(limit, unit)}",
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from maglev_ctrl.errors import Verdict
 from maglev_ctrl.report.charts_comparison import options_over_speed
-from maglev_ctrl.report.charts_margins import disk_value
+from maglev_ctrl.report.charts_margins import disk_value, disk_words
 from maglev_ctrl.report.findings import hard_ones, leading_option
 from maglev_ctrl.report.model import Banner, Cover, FigureBlock, Tile
 from maglev_ctrl.report.ride.summary import at_design, worst_passenger
@@ -76,15 +76,24 @@ def _judged(option: OptionStudy, *quantities: str) -> RequirementResult | None:
     return next((r for name in quantities for r in order if r.quantity == name), None)
 
 
-def _tile(label: str, result: RequirementResult | None, value: str) -> Tile | None:
-    """The requirement's own value where there is one, else what the study found, without a verdict."""
+def _shown(result: RequirementResult | None) -> Verdict | None:
+    """The verdict a tile shows: a wish that is missed fails nothing."""
+    if result is None or (result.verdict is Verdict.FAIL and not result.hard):
+        return None
+    return result.verdict
+
+
+def _limit(result: RequirementResult) -> str:
+    wished = "" if result.hard else " (a wish)"
+    return f"{'at least' if result.sense == 'at_least' else 'at most'} {number(result.limit, result.unit)}{wished}"
+
+
+def _tile(label: str, result: RequirementResult | None, value: str, place: str) -> Tile | None:
+    """The requirement's own value where there is one, else what the study found at that place, without a verdict."""
     if result is not None:
-        limit = f"{'at least' if result.sense == 'at_least' else 'at most'} {number(result.limit, result.unit)}"
         where = f"; worst at {result.worst_at}" if result.worst_at else ""
-        wished = "" if result.hard else " (a wish)"
-        verdict = result.verdict if result.hard or result.verdict is not Verdict.FAIL else None
-        return Tile(label, value_words(result), f"{limit}{wished}{where}", verdict)
-    return Tile(label, value, "no limit is set") if value not in ("", ABSENT) else None
+        return Tile(label, value_words(result), f"{_limit(result)}{where}", _shown(result))
+    return Tile(label, value, f"{place}; no limit is set") if value not in ("", ABSENT) else None
 
 
 def _growth(option: OptionStudy) -> Tile | None:
@@ -92,22 +101,21 @@ def _growth(option: OptionStudy) -> Tile | None:
     own = "" if modes is None else number(modes.spectral_abscissa, "1/s")
     if modes is not None and abs(modes.spectral_abscissa) <= float(np.max(modes.error_bound)):
         own = "0 within error"
-    return _tile("Largest growth rate", _judged(option, "growth_rate"), own)
+    return _tile("Largest growth rate", _judged(option, "growth_rate"), own, "at the design point")
 
 
 def _damping(option: OptionStudy) -> Tile | None:
     least = [float(np.nanmin(s.least_damping)) for s in option.sweeps if np.isfinite(s.least_damping).any()]
     own = number(100.0 * min(least), "%") if least else ""
-    return _tile("Least damping ratio", _judged(option, "damping_ratio"), own)
+    return _tile("Least damping ratio", _judged(option, "damping_ratio"), own, "over the sweeps")
 
 
 def _disk(option: OptionStudy) -> Tile | None:
     margins = option.margins
-    values = (
-        [] if margins is None else [disk_value(c.disk) for c in margins.channels] + [disk_value(margins.multi_loop)]
-    )
-    own = number(min(values)) if values and not any(math.isnan(v) for v in values) else ""
-    return _tile(f"Smallest disk margin {ALPHA}", _judged(option, "disk_margin"), own)
+    disks = [] if margins is None else [*(c.disk for c in margins.channels), margins.multi_loop]
+    known = bool(disks) and not any(math.isnan(disk_value(disk)) for disk in disks)
+    own = disk_words(min(disks, key=disk_value)) if known else ""
+    return _tile(f"Smallest disk margin {ALPHA}", _judged(option, "disk_margin"), own, "at the design point")
 
 
 def _depth(option: OptionStudy) -> Tile | None:
@@ -118,19 +126,23 @@ def _depth(option: OptionStudy) -> Tile | None:
     if math.isnan(study.worst_depth):
         return Tile("Smallest critical depth", "UNRESOLVED", "the two engines do not agree", Verdict.NOT_EVALUATED)
     if bool(np.all(study.map.unstable[:, 0])) and study.map.depths[0] == 0.0:
-        return Tile("Smallest critical depth", ABSENT, "unstable without modulation", Verdict.FAIL)
+        return Tile("Smallest critical depth", ABSENT, "unstable without modulation", _shown(result))
     bound = math.isinf(study.worst_depth)
-    value = f"> {number(100.0 * study.largest_depth, '%')}" if bound else number(100.0 * study.worst_depth, "%")
+    sign = "≤ " if np.any(study.map.unresolved) else ""  # where the engines disagree it may be smaller
+    value = f"> {number(100.0 * study.largest_depth, '%')}" if bound else sign + number(100.0 * study.worst_depth, "%")
     where = "" if bound else f" at {number(study.worst_speed * _KILOMETRES_PER_HOUR, 'km/h')}"
-    expected = f"expected {number(100.0 * study.expected_depth, '%')}{where}"
-    return Tile("Smallest critical depth", value, expected, None if result is None else result.verdict)
+    told = f"expected {number(100.0 * study.expected_depth, '%')}{where}"
+    if result is not None:
+        times = " times the expected depth" if result.quantity == "modulation_ratio" else ""
+        told = f"{_limit(result)}{times}; {told}"
+    return Tile("Smallest critical depth", value, told, _shown(result))
 
 
 def _ride(option: OptionStudy) -> Tile | None:
     response = at_design(option)
     passenger = None if response is None else worst_passenger(response)
     own = "" if passenger is None else number(passenger.total, "m/s²")
-    return _tile("Ride, worst passenger", _judged(option, "weighted_acceleration"), own)
+    return _tile("Ride, worst passenger", _judged(option, "weighted_acceleration"), own, "at the design point")
 
 
 def _picture(comparison: Comparison) -> FigureBlock | None:

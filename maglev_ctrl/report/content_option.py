@@ -117,7 +117,7 @@ def requirement_table(option: OptionStudy, caption: str) -> Table:
         for r in option.requirements
     )  # fmt: skip
     heads = ("Requirement", "Quantity", "Limit", "Value", "Margin", "Worst at", "Method", "Verdict")
-    return Table(caption, heads, rows, (1.25, 1.9, 0.95, 0.95, 0.8, 1.25, 2.0, 1.1), right=(2, 3, 4), small=True)
+    return Table(caption, heads, rows, (1.15, 2.5, 1.1, 0.95, 0.8, 1.2, 1.75, 1.0), right=(2, 3, 4), small=True)
 
 
 def _reasons(option: OptionStudy) -> list[Block]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from maglev_ctrl.analysis.disk import DiskMargin
 from maglev_ctrl.analysis.margins import Margins
-from maglev_ctrl.report.charts_margins import disk_value
+from maglev_ctrl.report.charts_margins import disk_value, disk_words
 from maglev_ctrl.report.equations import DISK, DISK_PEAK
 from maglev_ctrl.report.model import Block, Cell, Passage, Reference, Table, cell
 from maglev_ctrl.report.style import ABSENT, ALPHA, MINUS, TIMES, number
@@ -79,10 +79,14 @@ def worst_blocks(margins: Margins, label: str, *, key: str) -> list[Block]:
     if known:
         first = min(known, key=lambda c: disk_value(c.disk))
         disk = first.disk
+        size = disk_words(disk) if math.isnan(disk.alpha) else f"= {disk_words(disk)}"
+        which = "single channels" if len(known) == len(margins.channels) else (
+            f"the {len(known)} of {len(margins.channels)} single channels whose worst perturbation was found"
+        )  # fmt: skip
         told = worst_words(first.channel, complex(disk.factors[0]), disk.frequency, replayed=disk.verified)
         blocks.append(
-            Passage((f"Lost first among single channels is {told} (disk margin {ALPHA} = "
-                     f"{number(disk_value(disk))}; ", Reference(f"table:{key}-worst"), ")."))
+            Passage((f"Lost first among {which} is {told} (disk margin {ALPHA} {size}; ",
+                     Reference(f"table:{key}-worst"), ")."))
         )  # fmt: skip
     rows = []
     for place, one in enumerate(margins.channels[:_MOST]):

@@ -133,7 +133,7 @@ def equation_blocks(comparison: Comparison) -> list[Block]:
     options = comparison.options
     blocks = _stated(
         MOTION, _motion(), "Small motion about an equilibrium, with internal states ξ of lags, actuators and laws:",
-        "paper, Eqs. (10) to (12)",
+        "paper, Eqs. (10) to (12), signs corrected",
         ("An eigenvalue s = λ + jω of it is a mode: λ is its growth rate, ω its circular frequency.",),
     )  # fmt: skip
     blocks += _stated(
@@ -170,7 +170,7 @@ def equation_blocks(comparison: Comparison) -> list[Block]:
         blocks += _stated(
             RESONANCE, _resonance(),
             "A tongue begins where a multiple of the forcing's frequency is the sum or difference of two modes':",
-            "paper, text after Eq. (14)",
+            "paper, text after Eq. (14), corrected",
             ("i = j is parametric resonance, i ≠ j combination resonance; the order of a tongue is k.",),
         )  # fmt: skip
     if any(o.ride is not None for o in options):

@@ -82,8 +82,12 @@ def interactive(chart: Chart) -> dict[str, Any]:
             })  # fmt: skip
         for item in panel.items:
             _add(data, layout, item, panel, suffix, seen)
-    if not data:  # words and bands alone: axes appear only with a trace
-        data.append({"type": "scatter", "x": [None], "y": [None], "showlegend": False, "hoverinfo": "skip"})
+    for place in range(len(chart.panels)):  # words and bands alone: axes appear only with a trace
+        suffix = "" if place == 0 else str(place + 1)
+        axes = {"xaxis": "x" + suffix, "yaxis": "y" + suffix}
+        if not any(trace["xaxis"] == axes["xaxis"] for trace in data):
+            blank = {"type": "scatter", "x": [None], "y": [None], "showlegend": False, "hoverinfo": "skip"}
+            data.append({**blank, **axes})
     return {"data": data, "layout": layout}
 
 

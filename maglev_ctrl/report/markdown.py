@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping
 from typing import Final, assert_never
 
+from maglev_ctrl.report.legible import legible
 from maglev_ctrl.report.model import (
     SIGNS,
     Banner,
@@ -59,7 +60,7 @@ def markdown(report: Report, pictures: Mapping[str, str]) -> dict[str, bytes]:
         lines += [f'<a id="{section.anchor}"></a>', "", f"{heading} {plain(section.title)}{verdict}", ""]
         for block in section.blocks:
             lines += _block(block, numbers)
-    made = {"report.md": ("\n".join(lines).rstrip() + "\n").encode()}
+    made = {"report.md": legible("\n".join(lines).rstrip() + "\n").encode()}
     for chart in report.charts():
         place = numbers.targets[f"figure:{chart.key}"]
         made[_file(place)] = standalone(pictures[chart.key]).encode()

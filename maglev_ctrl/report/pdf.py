@@ -7,11 +7,14 @@ that does not, as far as it checks.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from datetime import datetime
 from importlib.resources import files
 from typing import Any, Final, assert_never
 
+from maglev_ctrl.report.legible import boxed, in_all, legible
 from maglev_ctrl.report.model import (
     SIGNS,
     SLUGS,
@@ -32,6 +35,9 @@ from maglev_ctrl.report.model import (
 from maglev_ctrl.report.numbering import Numbering, ended, numbered
 
 STANDARDS: Final = ("a-2a", "ua-1")
+_PAGE: Final = 700.0  # pt, the room of a figure with its caption
+_CAPTION: Final = 11.0, 100  # pt a line, letters in it
+_HEIGHT: Final = re.compile(r'<svg\b[^>]*?\bheight="([0-9.]+)pt"')
 _UNKNOWN: Final = datetime(1970, 1, 1)  # an archive asks for a date: where none is known, the clock's beginning
 
 
@@ -45,23 +51,49 @@ def pdf(report: Report, pictures: Mapping[str, str]) -> bytes:
     import matplotlib
     import typst
 
-    sources: dict[str, bytes] = {}
-    names: dict[str, str] = {}
-    for place, chart in enumerate(report.charts()):
-        names[chart.key] = f"figure-{place + 1}.svg"
-        sources[names[chart.key]] = pictures[chart.key].encode()
-    template = files("maglev_ctrl.report").joinpath("templates", "report.typ").read_bytes()
-    sources["main.typ"] = template
-    sources["model.json"] = json.dumps(_document(report, names), ensure_ascii=False).encode()
+    drawings = {
+        chart.key: Drawing(f"figure-{place + 1}.svg", _height(pictures[chart.key], chart.caption))
+        for place, chart in enumerate(report.charts())
+    }
+    document = in_all(_document(report, drawings), legible)
+    texts = {drawings[key].file: pictures[key] for key in drawings}
     fonts = f"{matplotlib.get_data_path()}/fonts/ttf"
-    inputs: Any = sources  # a dictionary of files: taken by the library, not yet in its type hints
-    compiled = typst.compile(inputs, font_paths=[fonts], ignore_system_fonts=True, pdf_standards=list(STANDARDS))
+
+    def compiled_with(letters: Callable[[str], str]) -> Any:
+        sources: Any = {name: letters(text).encode() for name, text in texts.items()}
+        sources["main.typ"] = files("maglev_ctrl.report").joinpath("templates", "report.typ").read_bytes()
+        sources["model.json"] = json.dumps(in_all(document, letters), ensure_ascii=False).encode()
+        return typst.compile(sources, font_paths=[fonts], ignore_system_fonts=True, pdf_standards=list(STANDARDS))
+
+    try:
+        compiled = compiled_with(str)
+    except typst.TypstError as fault:
+        # The standards refuse some letters that only the font of last resort draws: then all of those become boxes.
+        if "PDF/" not in str(fault):
+            raise
+        compiled = compiled_with(boxed)
     if not isinstance(compiled, bytes):
         raise TypeError(f"typst: expected one PDF as bytes, got {type(compiled).__name__}")
     return compiled
 
 
-def _document(report: Report, names: Mapping[str, str]) -> dict[str, Any]:
+@dataclass(frozen=True, eq=False, slots=True)
+class Drawing:
+    """A figure's file and the height it is drawn at in pt; 0 for its own."""
+
+    file: str
+    height: float
+
+
+def _height(picture: str, caption: str) -> float:
+    """Zero where figure and caption fit on a page, else the height that leaves room for the caption."""
+    line, letters = _CAPTION
+    room = max(0.3 * _PAGE, _PAGE - line * (1 + len(caption) // letters))
+    found = _HEIGHT.search(picture)
+    return room if found is not None and float(found.group(1)) > room else 0.0
+
+
+def _document(report: Report, names: Mapping[str, Drawing]) -> dict[str, Any]:
     numbers = numbered(report)
     short = report.title if len(report.title) <= 80 else report.title[:78].rstrip() + " …"
     day = _date(report.created)
@@ -92,7 +124,7 @@ def _date(created: str) -> datetime:
         return _UNKNOWN
 
 
-def _cover(cover: Cover, names: Mapping[str, str], numbers: Numbering) -> dict[str, Any]:
+def _cover(cover: Cover, names: Mapping[str, Drawing], numbers: Numbering) -> dict[str, Any]:
     return {
         "facts": [list(fact) for fact in cover.facts],
         "banner": _block(cover.banner, names, numbers),
@@ -119,7 +151,7 @@ def _part(part: str | Reference, numbers: Numbering) -> dict[str, str]:
     return {"words": place.words, "anchor": place.anchor}
 
 
-def _block(block: Block, names: Mapping[str, str], numbers: Numbering) -> dict[str, Any]:
+def _block(block: Block, names: Mapping[str, Drawing], numbers: Numbering) -> dict[str, Any]:
     match block:
         case Paragraph():
             return {"kind": "Paragraph", "text": block.text}
@@ -148,8 +180,8 @@ def _block(block: Block, names: Mapping[str, str], numbers: Numbering) -> dict[s
         case FigureBlock():
             chart = block.chart
             return {
-                "kind": "Figure", "file": names[chart.key], "alt": chart.alt, "caption": ended(chart.caption),
-                "anchor": numbers.of(block).anchor, "see": _see(block.see, numbers),
+                "kind": "Figure", "file": names[chart.key].file, "height": names[chart.key].height, "alt": chart.alt,
+                "caption": ended(chart.caption), "anchor": numbers.of(block).anchor, "see": _see(block.see, numbers),
             }  # fmt: skip
         case Listing():
             return {"kind": "Listing", "text": block.text}

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import io
 import re
+import warnings
 from html import escape
 from typing import Final
 
 from maglev_ctrl.report.chart import Chart
 from maglev_ctrl.report.draw import draw
+from maglev_ctrl.report.legible import legible
 from maglev_ctrl.report.style import FADED, GRID, INK, PAPER, RC
 
 _HEADER = re.compile(r"<\?xml.*?<svg", re.DOTALL)
@@ -31,11 +33,13 @@ def svg(chart: Chart) -> str:
     """The chart as a compact SVG text: no XML header, no metadata, identifiers unique to the chart's key."""
     import matplotlib
 
-    figure = draw(chart)
     stream = io.StringIO()
-    with matplotlib.rc_context({**RC, "svg.hashsalt": chart.key}):
+    with matplotlib.rc_context({**RC, "svg.hashsalt": chart.key}), warnings.catch_warnings():
+        # Letters stay text in the file, so whoever shows it brings the fonts that our own lacks.
+        warnings.filterwarnings("ignore", r"Glyph \d+ .*missing from font")
+        figure = draw(chart)
         figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
-    text = _METADATA.sub("", _HEADER.sub("<svg", stream.getvalue(), count=1))
+    text = _METADATA.sub("", _HEADER.sub("<svg", legible(stream.getvalue()), count=1))
     text = _joined(without_empty_groups(TAG.sub(_compact, text)))
     return TAG.sub(lambda tag: _PATH.sub(_straight_path, tag.group()), text)
 
@@ -138,5 +142,6 @@ def themed(text: str, *, label: str) -> str:
     """An SVG for inlining in HTML: named for screen readers, ink and paper taken from the page's theme."""
     for value, variable in _FILL_INK:
         text = re.sub(rf"(fill|stroke): {value}", rf"\1: var({variable}, {value})", text)
-    text = re.sub("<svg ", f'<svg role="img" aria-label="{escape(label, quote=True)}" ', text, count=1)
+    named = f'<svg role="img" aria-label="{escape(label, quote=True)}" '
+    text = text.replace("<svg ", named, 1)  # not a pattern: words may hold backslashes
     return re.sub(r'(<svg[^>]*?) (?:width|height)="[^"]*pt"', r"\1", text, count=1)

@@ -2,28 +2,42 @@
 
 from __future__ import annotations
 
+import json
 import re
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import report_fixture
 
 from maglev_ctrl.errors import Verdict
 from maglev_ctrl.report import write
+from maglev_ctrl.report.chart import Axis, Chart, Line, Panel, Span
 from maglev_ctrl.report.content import report_model
+from maglev_ctrl.report.content_cover import cover_tiles
 from maglev_ctrl.report.content_worst import worst_blocks
 from maglev_ctrl.report.html import html
-from maglev_ctrl.report.interactive import unpacked, without_worker
-from maglev_ctrl.report.markdown import FIGURES, plain
-from maglev_ctrl.report.model import Equation, FigureBlock, Listing, Paragraph, Passage, Reference, Report, Section
+from maglev_ctrl.report.interactive import interactive, unpacked, without_worker
+from maglev_ctrl.report.markdown import FIGURES, markdown, plain
+from maglev_ctrl.report.model import (
+    Equation,
+    FigureBlock,
+    Listing,
+    Paragraph,
+    Passage,
+    Reference,
+    Report,
+    Section,
+    Tile,
+)
 from maglev_ctrl.report.model import Table as TableBlock
 from maglev_ctrl.report.numbering import numbered
 from maglev_ctrl.report.pdf import pdf
 from maglev_ctrl.report.serialise import to_json
-from maglev_ctrl.report.vector import relative
-from maglev_ctrl.study.records import Comparison
+from maglev_ctrl.report.vector import relative, svg
+from maglev_ctrl.study.records import Comparison, FloquetStudy, RequirementResult
 
 SCRIPT = "<script>alert(1)</script>"
 
@@ -62,7 +76,7 @@ def test_a_tile_without_a_requirement_has_no_verdict(comparison: Comparison) -> 
     bare = replace(comparison, options=tuple(replace(o, requirements=()) for o in comparison.options))
     cover = report_model(bare).cover
     assert cover is not None
-    judged = [tile for tile in cover.tiles if tile.detail == "no limit is set"]
+    judged = [tile for tile in cover.tiles if tile.detail.endswith("no limit is set")]
     assert judged and all(tile.verdict is None for tile in judged)
     assert all(tile.verdict is not Verdict.PASS for tile in cover.tiles)
 
@@ -150,8 +164,6 @@ def test_marks_of_markdown_do_nothing() -> None:
 
 
 def test_a_fence_in_the_scenario_does_not_end_the_listing(tmp_path: Path) -> None:
-    from maglev_ctrl.report.markdown import markdown
-
     text = markdown(_small(Listing("a\n````\n# not a heading")), {})["report.md"].decode()
     assert text.count("\n`````\n") == 2
 
@@ -189,9 +201,12 @@ def test_only_the_worker_of_geographic_maps_is_left_out_of_the_library() -> None
 
 
 def test_the_page_reads_back_what_it_packs(report: Report) -> None:
-    quiet = replace(report, sections=(), cover=None)
-    told = re.findall(r'id="figure-(?:data|library)">([^<]*)</script>', html(quiet, {}))
-    assert unpacked(told[0]) == b"{}" and b"plotly.js v" in unpacked(told[1])[:200]
+    chart = next(iter(report.charts()))
+    made = html(_small(FigureBlock(chart)), {chart.key: svg(chart)})
+    told = re.findall(r'id="figure-(?:data|library)">([^<]*)</script>', made)
+    assert list(json.loads(unpacked(told[0]))) == [chart.key] and b"plotly.js v" in unpacked(told[1])[:200]
+    without = re.findall(r'id="figure-(?:data|library)">([^<]*)</script>', html(_small(), {}))
+    assert without[1] == "", "a page without figures carries no library"
 
 
 def test_the_worst_perturbation_is_the_one_that_was_replayed(comparison: Comparison) -> None:
@@ -206,6 +221,122 @@ def test_the_worst_perturbation_is_the_one_that_was_replayed(comparison: Compari
 
 
 def test_json_holds_hostile_words_unchanged(comparison: Comparison) -> None:
-    import json
-
     assert json.loads(to_json(_scripted(comparison)))["title"] == SCRIPT
+
+
+def _labelled(words: str) -> tuple[Report, dict[str, str]]:
+    line = Line(np.array([0.0, 1.0]), np.array([0.0, 1.0]), words)
+    chart = Chart("k", words, words, (Panel((line,), Axis("t"), Axis(words)),))
+    return replace(_small(FigureBlock(chart), Paragraph(words)), title=words), {"k": svg(chart)}
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        r"a \1 \g<0> \e", "bell \x07 and \x00", "own \ue000 sign", "\ufeffmark", "\ufffe", "磁悬浮列车", "קרון",
+        "a\u0308\u0308\u0308 \ufdfd", "🚄", "W" * 300, "word " * 90, r"$\bad{", "#let x = 1",
+    ],
+)  # fmt: skip
+def test_odd_letters_break_no_format(words: str) -> None:
+    report, pictures = _labelled(words)
+    page = html(report, pictures)
+    ElementTree.fromstring(pictures["k"])
+    assert not re.search("[\x00-\x08\x0b\x0c\x0e-\x1f]", page + markdown(report, pictures)["report.md"].decode())
+    if "\\" in words:
+        assert f'aria-label="{words.replace("<", "&lt;").replace(">", "&gt;")}"' in page
+    assert pdf(report, pictures).startswith(b"%PDF-1.7")
+
+
+def test_a_page_that_would_be_too_large_keeps_its_last_figures_still_and_says_so(report: Report) -> None:
+    pictures = {chart.key: svg(chart) for chart in report.charts()}
+    keys = [chart.key for chart in report.charts()]
+    whole = html(report, pictures)
+    assert re.findall('data-chart="([^"]*)"', whole) == keys and "still pictures" not in whole
+    fewer = html(report, pictures, largest=len(whole.encode()) - 4000)
+    live = re.findall('data-chart="([^"]*)"', fewer)
+    assert len(fewer.encode()) <= len(whole.encode()) - 4000
+    assert live == keys[: len(live)] and 0 < len(live) < len(keys)
+    assert f"The last {len(keys) - len(live)} of the figures are still pictures" in fewer
+    assert fewer.count("<figure") == len(keys)
+    none = html(report, pictures, largest=1_000_000)
+    assert "All figures are still pictures" in none and len(none.encode()) <= 1_000_000
+    assert "data-chart=" not in none and 'id="live"' not in none
+
+
+def test_a_tile_never_shows_more_than_its_requirement(comparison: Comparison) -> None:
+    option = comparison.options[1]
+    assert option.floquet is not None
+    asked = replace(
+        option.requirements[0], quantity="modulation_ratio", limit=2.0, unit="", sense="at_least", hard=True,
+        verdict=Verdict.NOT_EVALUATED,
+    )  # fmt: skip
+    quantities = ("growth_rate", "damping_ratio", "disk_margin", "weighted_acceleration")
+    doubtful = (asked, *(replace(asked, quantity=quantity, value=float("nan")) for quantity in quantities))
+
+    def tiles(requirements: tuple[RequirementResult, ...], floquet: FloquetStudy | None = option.floquet) -> list[Tile]:
+        one = replace(option, requirements=requirements, floquet=floquet)
+        return list(cover_tiles(replace(comparison, options=(one,))))
+
+    found = tiles(doubtful)
+    assert len(found) == 6 and all(tile.verdict is Verdict.NOT_EVALUATED for tile in found)
+    missed = tuple(replace(r, hard=False, verdict=Verdict.FAIL) for r in doubtful)
+    wishes = tiles(missed)[1:]
+    assert all(tile.verdict is None and "a wish" in tile.detail for tile in wishes)
+    (depth,) = (tile for tile in found if tile.label == "Smallest critical depth")
+    assert "at least 2.00 times the expected depth" in depth.detail and not depth.value.startswith("≤")
+    unsure = replace(option.floquet.map, unresolved=np.ones_like(option.floquet.map.unresolved))
+    (depth,) = (t for t in tiles(doubtful, replace(option.floquet, map=unsure)) if t.label == "Smallest critical depth")
+    assert depth.value.startswith("≤ ")
+
+
+def test_a_disk_margin_that_is_a_bound_is_told_as_one(comparison: Comparison) -> None:
+    margins = comparison.options[1].margins
+    assert margins is not None
+    first = margins.channels[0]
+    bound = replace(first, disk=replace(first.disk, alpha=float("nan"), alpha_proven=0.25))
+    told = worst_blocks(replace(margins, channels=(bound, *margins.channels[1:])), "x", key="k")
+    words = "".join(p for p in told[0].parts if isinstance(p, str))  # type: ignore[union-attr]
+    assert "≥ 0.250" in words and "= 0.250" not in words
+    lost = replace(first, disk=replace(first.disk, perturbation=np.array([complex("nan")])))
+    told = worst_blocks(replace(margins, channels=(lost, *margins.channels[1:])), "x", key="k")
+    words = "".join(p for p in told[0].parts if isinstance(p, str))  # type: ignore[union-attr]
+    assert f"{len(margins.channels) - 1} of {len(margins.channels)} single channels" in words
+
+
+def test_a_panel_of_bands_alone_has_a_trace_for_its_axes() -> None:
+    line = Line(np.array([0.0, 1.0]), np.array([0.0, 1.0]))
+    band = Span("x", 0.2, 0.4, "#ff0000")
+    panels = tuple(Panel((item,), Axis("a"), Axis("b")) for item in (line, band))
+    data = interactive(Chart("k", "c", "a", panels))["data"]
+    assert [trace["xaxis"] for trace in data] == ["x", "x2"]
+
+
+def test_a_figure_higher_than_a_page_is_made_to_fit_with_its_caption() -> None:
+    from maglev_ctrl.report.pdf import _height
+
+    tall, low = '<svg width="480pt" height="720.5pt">', '<svg width="480pt" height="400pt">'
+    assert _height(low, "words") == 0.0
+    assert 600.0 < _height(tall, "words" * 100) < _height(tall, "words") < 720.0
+
+
+def test_every_section_is_a_heading_of_its_level_in_the_text(report: Report) -> None:
+    pictures = {chart.key: "<svg></svg>" for chart in report.charts()}
+    lines = markdown(report, pictures)["report.md"].decode().splitlines()
+    heads = [line for line in lines if re.match("#+ ", line)]
+    assert heads[0] == f"# {plain(report.title)}" and heads[1] == "## Contents"
+    expected = [f"{'#' * (section.level + 1)} {plain(section.title)}" for section in report.sections]
+    assert len(heads) == 2 + len(expected)
+    assert all(head.startswith(start) for head, start in zip(heads[2:], expected, strict=True))
+
+
+def test_numbers_in_words_are_the_numbers_of_the_captions_in_every_form(report: Report) -> None:
+    numbers = numbered(report)
+    pictures = {chart.key: "<svg></svg>" for chart in report.charts()}
+    page, text = html(report, pictures), markdown(report, pictures)["report.md"].decode()
+    for target, place in numbers.targets.items():
+        if not target.startswith("equation:"):
+            continue
+        assert place.words == f"Eq. ({place.number})"
+        assert re.search(rf'id="{place.anchor}".*?<span class="tag">\({place.number}\)</span>', page), target
+        shown = re.search(rf'<a id="{place.anchor}"></a>\n\n\$\$\n.*\n\$\$\n\nEq\. \((\d+)\)', text)
+        assert shown is not None and int(shown.group(1)) == place.number, target
