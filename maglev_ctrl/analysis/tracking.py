@@ -184,33 +184,43 @@ def _follow(full: list[_Full]) -> tuple[NDArray[np.int64], FloatArray]:
     order[0] = np.arange(n)
     below = full[0].mirror.copy()
     reference_left, reference_right = full[0].left.copy(), full[0].right.copy()
+    neighbours, distances = _of_neighbours(full)
+    coincident = [_coincident(point) for point in full]
     for p in range(1, len(full)):
-        before, now = full[p - 1], full[p]
+        now = full[p]
         placed = order[p - 1]
-        criterion = assurance(reference_left, reference_right, (now.left, now.right))
-        cost = 1.0 - criterion + DISTANCE_WEIGHT * _distance(before, now, placed)
+        if p > 1 and np.any(coincident[p - 1]):
+            criterion = assurance(reference_left, reference_right, (now.left, now.right))
+        else:
+            criterion = neighbours[p - 1][placed]
+        cost = 1.0 - criterion + DISTANCE_WEIGHT * distances[p - 1][placed]
         cost = cost + HALF_PLANE_BIAS * (below[:, None] != now.mirror[None, :])
         lines, chosen = linear_sum_assignment(cost)
         order[p, lines] = chosen
         confidence[p, lines] = criterion[lines, chosen]
         below = np.where(now.s[order[p]].imag == 0.0, below, now.mirror[order[p]])
-        own = ~_coincident(now)[order[p]]
+        own = ~coincident[p][order[p]]
         # Vectors of coinciding eigenvalues are arbitrary: such a point is passed by on the older vectors.
         reference_left[:, own] = now.left[:, order[p]][:, own]
         reference_right[:, own] = now.right[:, order[p]][:, own]
     return order, confidence
 
 
-def _distance(before: _Full, now: _Full, placed: NDArray[np.int64]) -> FloatArray:
-    """Distance of each eigenvalue from each line's prediction, mapped to [0, 1)."""
-    s, left, right = before.s[placed], before.left[:, placed], before.right[:, placed]
-    change = np.sum(left.conj() * ((now.state_matrix - before.state_matrix) @ right), axis=0)
+def _of_neighbours(full: list[_Full]) -> tuple[FloatArray, FloatArray]:
+    """Between each point and the next one (p - 1, n, n): the assurance criterion, and the distance of each eigenvalue
+    from the prediction of each one before, mapped to [0, 1)."""
+    s, left, right = (np.stack([getattr(point, key) for point in full]) for key in ("s", "left", "right"))
+    matrices = np.stack([point.state_matrix for point in full])
+    dual = np.conj(np.swapaxes(left, 1, 2))
+    forward, backward = np.abs(dual[:-1] @ right[1:]), np.abs(dual[1:] @ right[:-1])
+    criterion = np.clip(forward * np.swapaxes(backward, 1, 2), 0.0, 1.0)
+    change = np.sum(left[:-1].conj() * (np.diff(matrices, axis=0) @ right[:-1]), axis=1)
     # Near a double root first order overshoots without bound; a step beyond |s| itself predicts nothing.
-    size = np.maximum(np.abs(s), 1e-12 * np.max(np.abs(before.s)) + np.finfo(float).tiny)
-    trusted = np.abs(change) <= 0.5 * size
-    predicted = np.where(trusted, s + change, s)
-    gap = np.abs(now.s[None, :] - predicted[:, None])
-    return np.asarray(gap / (gap + NEAR * size[:, None]))
+    moduli = np.abs(s[:-1])
+    size = np.maximum(moduli, 1e-12 * np.max(moduli, axis=1, initial=0.0)[:, None] + np.finfo(float).tiny)
+    predicted = np.where(np.abs(change) <= 0.5 * size, s[:-1] + change, s[:-1])
+    gap = np.abs(s[1:, None, :] - predicted[:, :, None])
+    return np.asarray(criterion), np.asarray(gap / (gap + NEAR * size[:, :, None]))
 
 
 def _coincident(point: _Full) -> NDArray[np.bool_]:

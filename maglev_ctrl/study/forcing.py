@@ -97,12 +97,19 @@ def _closed(
     return held, balanced, plant if law is None else close_loop(plant, law)
 
 
-def delays_are_short(model: OptionModel, vehicle: Vehicle, controller: Controller | None) -> bool:
-    """Whether there are delays, and all of them short against every oscillating mode at the design point."""
+def delays_are_short(
+    model: OptionModel, vehicle: Vehicle, controller: Controller | None, *, closed: SecondOrderSystem | None = None
+) -> bool:
+    """Whether there are delays, and all of them short against every oscillating mode at the design point.
+
+    `closed`: the closed loop at the design point, where it is known already.
+    """
     longest = max((actuator.delay for actuator in vehicle.actuators), default=0.0)
     if longest == 0.0:
         return False  # nothing to merge
-    s = np.linalg.eigvals(model.closed_of(vehicle, Situation.of_design(model.scenario), controller).state_matrix())
+    if closed is None:
+        closed = model.closed_of(vehicle, Situation.of_design(model.scenario), controller)
+    s = np.linalg.eigvals(closed.state_matrix())
     oscillating = s[(s.imag > 0.0) & (-s.real < LIGHT * np.abs(s))]
     fastest = float(np.max(np.abs(oscillating))) if oscillating.size else 0.0
     return longest * fastest <= SHORT

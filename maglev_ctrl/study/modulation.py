@@ -30,6 +30,7 @@ from maglev_ctrl.vehicle.guideway_modulation import (
     heave_shares,
     total_depth,
 )
+from maglev_ctrl.vehicle.loads import MagnetField
 
 At = Equilibrium | OperatingPoint
 LEFT_OUT = (
@@ -53,8 +54,10 @@ class ScenarioModulation:
     pattern: GuidewayPattern | None
     shares: tuple[HeaveShare, ...]
 
-    def __call__(self, vehicle: Vehicle, at: At) -> tuple[FloatArray, FloatArray]:
+    def __call__(self, vehicle: Vehicle, at: At, *, fields: MagnetField | None = None) -> tuple[FloatArray, FloatArray]:
         """K_cos, K_sin (H, n, n) N/m at unit depth.
+
+        `fields`: the magnets' forces there, where they are known already; of use to a prescribed pattern alone.
 
         Raises
         ------
@@ -62,7 +65,9 @@ class ScenarioModulation:
         OutOfDomain : the forces are not known there, or a source leaves their range
         """
         if self.pattern is None:
-            return stiffness_modulation(vehicle, at, wavelength=self.wavelength, harmonics=self.harmonics)
+            return stiffness_modulation(
+                vehicle, at, wavelength=self.wavelength, harmonics=self.harmonics, fields=fields
+            )
         K_cos, K_sin = guideway_modulation(vehicle, at, self.pattern)
         return read_only(K_cos / self.depth, name="K_cos"), read_only(K_sin / self.depth, name="K_sin")
 

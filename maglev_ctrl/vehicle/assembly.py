@@ -96,8 +96,9 @@ def linearize(vehicle: Vehicle, at: Equilibrium | OperatingPoint, *, pade_order:
 
 
 def stiffness_modulation(
-    vehicle: Vehicle, at: Equilibrium | OperatingPoint, *, wavelength: float, harmonics: Sequence[float] = (1.0,)
-) -> tuple[FloatArray, FloatArray]:
+    vehicle: Vehicle, at: Equilibrium | OperatingPoint, *, wavelength: float, harmonics: Sequence[float] = (1.0,),
+    fields: MagnetField | None = None,
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Stiffness modulated at the passing frequency W = 2 pi v / wavelength by a guideway period, for unit depth.
 
     Magnet i at x_i meets the guideway's pattern with its own phase: its stiffness share K_i is multiplied by
@@ -107,6 +108,7 @@ def stiffness_modulation(
     ----------
     wavelength : m
     harmonics : (H,) amplitudes of harmonics 1..H
+    fields : the magnets' forces there, where they are known already
 
     Returns
     -------
@@ -116,7 +118,7 @@ def stiffness_modulation(
     ------
     ValueError : a wavelength that is not positive
     """
-    K, phase, amplitude = _modulated_shares(vehicle, at, wavelength, harmonics)
+    K, phase, amplitude = _modulated_shares(vehicle, at, wavelength, harmonics, fields)
     K_cos = np.einsum("hm,mij->hij", amplitude * np.cos(phase), K)
     K_sin = np.einsum("hm,mij->hij", -amplitude * np.sin(phase), K)
     return read_only(K_cos, name="K_cos"), read_only(K_sin, name="K_sin")
@@ -165,15 +167,17 @@ def element_modulation(
 
 
 def _modulated_shares(
-    vehicle: Vehicle, at: Equilibrium | OperatingPoint, wavelength: float, harmonics: Sequence[float]
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+    vehicle: Vehicle, at: Equilibrium | OperatingPoint, wavelength: float, harmonics: Sequence[float],
+    fields: MagnetField | None = None,
+) -> tuple[FloatArray, FloatArray, FloatArray]:  # fmt: skip
     """Stiffness (E, n, n) of the elements that meet the guideway's pattern, their phases (H, E) and amplitudes."""
     if not (np.isfinite(wavelength) and wavelength > 0.0):
         raise ValueError(f"wavelength: expected a positive length, got {wavelength}")
     state = at if isinstance(at, Equilibrium) else equilibrium(vehicle, at)
     _check_fits(vehicle, state)
     orders = np.arange(1, len(harmonics) + 1)
-    fields = magnet_field(vehicle, state.posture, stance(vehicle, state.displacement))
+    if fields is None:
+        fields = magnet_field(vehicle, state.posture, stance(vehicle, state.displacement))
     stations = [magnet.position[0] for magnet in vehicle.magnets]
     stations += [vehicle.body(element.body).position[0] for element in vehicle.coefficient_elements]
     measured = [coefficient_share(e, vehicle, speed=state.at.speed).K for e in vehicle.coefficient_elements]

@@ -24,6 +24,17 @@ FAULTS = (MaglevError, ValueError, ArithmeticError, np.linalg.LinAlgError)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
+class AtSituation:
+    """The vehicle as it is held in a situation, its equilibrium, and its linear model with the loop open and closed."""
+
+    situation: Situation
+    held: Vehicle
+    balanced: Equilibrium
+    plant: SecondOrderSystem
+    closed: SecondOrderSystem
+
+
+@dataclass(frozen=True, eq=False, slots=True)
 class Designed:
     """An option whose law is designed at its scenario's own design point.
 
@@ -38,6 +49,7 @@ class Designed:
     merged: bool
     _vehicles: dict[float | None, Vehicle] = field(default_factory=dict)
     _slowed: dict[float | None, Vehicle] = field(default_factory=dict)
+    _last: list[AtSituation] = field(default_factory=list)
 
     def vehicle(self, payload: float | None) -> Vehicle:
         """The vehicle with the option's elements at a payload (kg)."""
@@ -61,10 +73,25 @@ class Designed:
         ModelError : there is no equilibrium
         OutOfDomain : the forces are not known there
         """
+        at = self.at(situation)
+        return at.closed, at.balanced
+
+    def at(self, situation: Situation) -> AtSituation:
+        """The loop in a situation with what it is made of; the last one is remembered.
+
+        Raises
+        ------
+        ModelError : there is no equilibrium
+        OutOfDomain : the forces are not known there
+        """
+        if self._last and self._last[0].situation == situation:
+            return self._last[0]
         held, balanced = self.model.balance_of(self.vehicle(situation.payload), situation)
         plant = linearize(held, balanced, pade_order=PADE_ORDER)
         law = self.model.law_at(situation, self.controller)
-        return plant if law is None else close_loop(plant, law), balanced
+        found = AtSituation(situation, held, balanced, plant, plant if law is None else close_loop(plant, law))
+        self._last[:] = [found]
+        return found
 
     def periodic(self, situation: Situation, depth: float, *, full: bool) -> PeriodicSystem:
         """The periodic system in a situation at a depth, of the full model or of the map's.
@@ -105,7 +132,8 @@ def designed(
     try:
         model, design = designed_option(scenario, option)
         controller = None if design is None else design.controller
-        model.closed_of(model.vehicle(), Situation.of_design(scenario), controller)
+        vehicle = model.vehicle()
+        closed = model.closed_of(vehicle, Situation.of_design(scenario), controller)
     except (ValueError, ArithmeticError, np.linalg.LinAlgError) as fault:
         raise ModelError(f"{fault}") from None
     modulation, reason = None, NO_PERIOD
@@ -114,5 +142,7 @@ def designed(
             modulation, reason = modulation_of(scenario), ""
         except FAULTS as fault:
             reason = f"{fault}"
-    merged = modulation is not None and delays_are_short(model, model.vehicle(), controller)
-    return Designed(model, controller, () if design is None else tuple(design.notes), modulation, reason, merged)
+    merged = modulation is not None and delays_are_short(model, vehicle, controller, closed=closed)
+    return Designed(
+        model, controller, () if design is None else tuple(design.notes), modulation, reason, merged, {None: vehicle}
+    )

@@ -207,7 +207,8 @@ def _integrated(here: Columns, depths: FloatArray, scale: FloatArray) -> tuple[F
         return found, 0.0
     parts = (rescale(one[known], scale) for one in (here.mean, here.cosine, here.sine))
     with np.errstate(over="ignore", invalid="ignore"):
-        many = monodromy_many(*parts, frequency=here.frequency[known], depths=depths, tolerance=_TRUNCATION)
+        many = monodromy_many(*parts, frequency=here.frequency[known], depths=depths, tolerance=_TRUNCATION,
+                              threads=_THREADS)  # fmt: skip
         found[known] = many.matrices
         size = np.sqrt(np.max(np.sum(many.matrices**2, axis=(2, 3)), axis=1))
     return found, float(np.max(many.error * size))

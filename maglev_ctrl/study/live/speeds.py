@@ -13,9 +13,11 @@ from maglev_ctrl.errors import MaglevError
 from maglev_ctrl.kernels.plane_series import Direction
 from maglev_ctrl.study.forcing import slowed_vehicle
 from maglev_ctrl.study.live.designed import FAULTS, Designed
+from maglev_ctrl.study.live.level_magnets import LevelMagnets
 from maglev_ctrl.study.situation import PADE_ORDER, Situation
 from maglev_ctrl.systems import SecondOrderSystem, close_loop
 from maglev_ctrl.vehicle import Equilibrium, Vehicle, linearize
+from maglev_ctrl.vehicle.loads import MagnetField
 
 COUNTS = (6, 11, 21)
 """Speeds assembled; from one count to the next those known are used again."""
@@ -142,15 +144,15 @@ class _Source:
 
     def __init__(self, designed: Designed, situation: Situation) -> None:
         self._designed, self._situation = designed, situation
-        vehicle = designed.vehicle(situation.payload)
-        held, balanced = designed.model.balance_of(vehicle, situation)
-        plant = linearize(held, balanced, pade_order=PADE_ORDER)
-        self.closed = self._closed(plant, situation)
+        at = designed.at(situation)
+        held, balanced, plant = at.held, at.balanced, at.plant
+        self.closed = at.closed
         self._rest = self.closed.C - plant.C, self.closed.K - plant.K
         self._slow = self.closed
         if designed.merged:
             self._slow = self._closed(linearize(self._slow_vehicle(held), balanced, pade_order=PADE_ORDER), situation)
         self._fixed = designed.model.schedule is None
+        self._level = self._own_magnets(held, balanced, plant)
         K = self._stiffness(held, balanced)
         slow = len(self._slow.state_matrix()) if len(K) else 0
         self.shapes = _Shapes(len(self.closed.state_matrix()), slow, len(K) // 2)
@@ -160,12 +162,19 @@ class _Source:
         """The matrices at a speed in one row; Raises as `OptionModel.closed_of`."""
         if not self._fixed:
             return self.exact(speed)
-        held, balanced = self._balance(speed)
-        plant = linearize(held, balanced, pade_order=PADE_ORDER)
-        C, K = plant.C + self._rest[0], plant.K + self._rest[1]
+        found = None if self._level is None else self._level(speed)
+        if found is None:
+            held, balanced = self._balance(speed)
+            plant = linearize(held, balanced, pade_order=PADE_ORDER)
+            C, K, modulated = plant.C, plant.K, self._stiffness(held, balanced)
+        else:
+            C, K, fields = found
+            assert self._level is not None
+            modulated = self._stiffness(self._level.vehicle, self._level.balanced, fields)
+        C, K = C + self._rest[0], K + self._rest[1]
         closed = replace(self.closed, C=C, K=K)
         slow = closed if self._slow is self.closed else replace(self._slow, C=C, K=K)
-        return self._matrices(closed, slow, self._stiffness(held, balanced))
+        return self._matrices(closed, slow, modulated)
 
     def exact(self, speed: float) -> FloatArray:
         """The same by the whole assembly."""
@@ -193,11 +202,17 @@ class _Source:
         law = self._designed.model.law_at(situation, self._designed.controller)
         return plant if law is None else close_loop(plant, law)
 
-    def _stiffness(self, held: Vehicle, balanced: Equilibrium) -> FloatArray:
+    def _own_magnets(self, held: Vehicle, balanced: Equilibrium, plant: SecondOrderSystem) -> LevelMagnets | None:
+        """The magnets alone over speed, where nothing else of the vehicle feels it."""
+        modulation = self._designed.modulation
+        prescribed = modulation is None or modulation.pattern is None
+        return LevelMagnets.of(held, balanced, plant) if prescribed else None
+
+    def _stiffness(self, held: Vehicle, balanced: Equilibrium, fields: MagnetField | None = None) -> FloatArray:
         """K_cos, K_sin (2 H, n, n) at unit depth; none without periodic forces."""
         if self._designed.modulation is None:
             return np.empty((0, len(held.dofs), len(held.dofs)))
-        return np.concatenate(self._designed.modulation(held, balanced))
+        return np.concatenate(self._designed.modulation(held, balanced, fields=fields))
 
     def _matrices(self, closed: SecondOrderSystem, slow: SecondOrderSystem, K: FloatArray) -> FloatArray:
         parts = [closed.state_matrix().ravel()]
