@@ -52,6 +52,16 @@ named();
     }
     return { data, layout };
   };
+  // On a narrow page the legend stands below, so that the panels keep the width.
+  const narrowed = (data, layout, width) => {
+    if (width > 620) return;
+    const rows = data.filter((trace) => trace.showlegend !== false).length;
+    layout.legend = { ...layout.legend, orientation: "h", x: 0, xanchor: "left", y: -60 / layout.height, yanchor: "top", font: { size: 10 } };
+    layout.height += 20 * rows;
+    layout.margin = { ...layout.margin, l: 50, r: 8 };
+    for (const [key, axis] of Object.entries(layout)) if (/^[xy]axis/.test(key) && axis.title) axis.title.font = { size: 9 };
+    for (const note of layout.annotations ?? []) note.font = { ...note.font, size: Math.min(note.font?.size ?? 10, 9) };
+  };
   const show = async (figure) => {
     const target = figure.querySelector(".dynamic"), still = figure.querySelector(".static");
     if (!live.checked) return;
@@ -59,6 +69,7 @@ named();
     try {
       const { data, layout } = dressed(figures[figure.dataset.chart]);
       layout.width = undefined;
+      narrowed(data, layout, target.clientWidth);
       await window.Plotly.react(target, data, layout, { responsive: true, displaylogo: false, modeBarButtons: [["toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]] });
       target.setAttribute("role", "group");
       target.setAttribute("aria-label", words(figure));
