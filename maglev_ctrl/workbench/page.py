@@ -42,6 +42,7 @@ class Page:
         self._scenario: Scenario | None = None
         self._sliders: frozenset[str] = frozenset()
         self._count = 0
+        self._last_heard = 0  # serial of what the browser said last
         self._text_told: str | None = None
         self._newest: Shown | None = None
         self._job: tuple[str, str] | None = None  # name and hash of the scenario whose report is watched
@@ -75,6 +76,7 @@ class Page:
         try:
             said = json.loads(new)
             heard = _HEARD.get(said.get("kind")) if isinstance(said, dict) else None
+            self._last_heard = int(said["serial"]) if heard is not None else self._last_heard
             if heard is not None:
                 heard(self, said)
         except (MaglevError, ValueError) as fault:
@@ -225,7 +227,9 @@ class Page:
 
     def _drawn(self, shown: Shown, scenario: Scenario) -> None:
         self.arrangement.show(shown.view)
-        self._say(view_event(shown.view, scenario, shown.seconds))
+        # A page rests only when it shows what it asked for last; an older view is drawn on the way there.
+        answers = self._last_heard if self._is_now(shown.state) else 0
+        self._say({**view_event(shown.view, scenario, shown.seconds), "answers": answers})
 
     def _tell(self, told: Told) -> None:
         match told:

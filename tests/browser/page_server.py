@@ -100,11 +100,11 @@ class Bench:
 
     @classmethod
     def open(cls, watch: Watch, address: str, **how: Any) -> Bench:
-        """A page of a new person, settled."""
+        """A page of a new person, drawn."""
         bench = cls(watch.page(**how))
         bench.page.set_default_timeout(PATIENCE)
         bench.page.goto(address, wait_until="domcontentloaded", timeout=PATIENCE)
-        bench.settled()
+        bench.drawn()
         return bench
 
     def at(self, name: str) -> Locator:
@@ -128,11 +128,16 @@ class Bench:
             "wanted => wanted.includes(document.documentElement.dataset.state)", arg=list(wanted), timeout=PATIENCE
         )
 
+    def drawn(self) -> None:
+        """Wait until what was asked for last is on the screen, checked or not yet."""
+        self.settled("preview", "settled", "failed")
+
     def after(self, shown: int) -> None:
-        """Wait until a view newer than the `shown`-th is drawn and settled."""
+        """The same, and a view newer than the `shown`-th has come."""
         self.page.wait_for_function(
             "n => Number(document.documentElement.dataset.shown) > n "
-            "&& ['settled', 'failed'].includes(document.documentElement.dataset.state)", arg=shown, timeout=PATIENCE,
+            "&& ['preview', 'settled', 'failed'].includes(document.documentElement.dataset.state)",
+            arg=shown, timeout=PATIENCE,
         )  # fmt: skip
 
     def modes(self) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Iterator
 
@@ -15,7 +16,7 @@ from maglev_ctrl.scenario import load
 from maglev_ctrl.study.live import LiveStudy
 
 READY = 3.0
-"""Seconds within which the page has to be ready; the test allows twice that, for it shares its machine."""
+"""Seconds within which the page has to be ready; the test allows twice that, and more where others use its machine."""
 
 
 @pytest.fixture(scope="module")
@@ -32,8 +33,8 @@ def test_the_page_is_ready_at_once(watch: Watch, server: Server) -> None:
     page.goto(server.address, wait_until="commit")
     page.wait_for_function("Number(document.documentElement.dataset.shown) > 0")
     seconds = time.perf_counter() - began
-    print(f"page ready after {seconds:.2f} s")
-    assert seconds < 2.0 * READY
+    print(f"page ready after {seconds:.2f} s with {os.getloadavg()[0]:.1f} processes running")
+    assert seconds < READY * max(2.0, 2.0 * os.getloadavg()[0] / (os.cpu_count() or 1))
     bench = Bench(page)
     bench.settled()
     picture(page, "page_first")
@@ -65,7 +66,6 @@ def test_a_shipped_scenario_is_chosen(watch: Watch, server: Server) -> None:
     bench = Bench.open(watch, server.address)
     count = bench.shown
     bench.at("source").select_option(TRAIN)
-    bench.page.wait_for_function("document.documentElement.dataset.state === 'busy'")
     bench.after(count)
     assert "135" in bench.at("title").inner_text()
     assert bench.page.locator("#group-modulation input[type=range]").count() >= 1
@@ -102,15 +102,18 @@ def test_a_slider_moves_by_keys_and_by_hand(watch: Watch, server: Server) -> Non
 def test_a_marker_runs_before_the_server_answers(watch: Watch, server: Server) -> None:
     bench = Bench.open(watch, server.address)
     moved = bench.page.evaluate(
-        """() => { const live = Bokeh.documents.find(d => d.get_model_by_name('bridge'));
+        """async () => { const live = Bokeh.documents.find(d => d.get_model_by_name('bridge'));
         const data = () => live.get_model_by_name('eigenvalues').renderers.map(r => r.data_source.data)
           .find(d => d.own_growth);
         const before = Array.from(data().x), slider = document.getElementById('slide-speed');
+        const drawn = document.documentElement.dataset.shown;
         slider.value = 100; slider.dispatchEvent(new Event('input', {bubbles: true}));
-        return Array.from(data().x).some((x, k) => x !== before[k]) }"""
+        for (let k = 0; k < 20; k++) await Promise.resolve();  // callbacks are promises
+        return drawn === document.documentElement.dataset.shown
+          && Array.from(data().x).some((x, k) => x !== before[k]) }"""
     )
     assert moved
-    bench.page.wait_for_function("document.documentElement.dataset.state === 'settled'")
+    bench.drawn()
 
 
 def test_a_value_is_typed_or_refused_in_words(watch: Watch, server: Server) -> None:
@@ -123,7 +126,7 @@ def test_a_value_is_typed_or_refused_in_words(watch: Watch, server: Server) -> N
         bench.type("speed", text)
         assert bench.at("words-speed").inner_text() == words
         assert bench.at("field-speed").get_attribute("aria-invalid") == "true"
-    assert bench.state == "settled"
+    assert bench.state in ("preview", "settled")
     picture(bench.page, "page_value_refused", whole=False)
     assert findings(bench.page) == []
 
@@ -136,7 +139,7 @@ def test_a_mode_is_picked_from_the_list_and_by_a_click(watch: Watch, server: Ser
     assert len(listed) >= 2
     now = picker.input_value()
     other = next(str(k) for k in range(len(listed)) if str(k) != now)
-    picker.select_option(other)
+    picker.select_option(index=int(other))
     name = listed[int(other)].split(":")[0]
     bench.page.wait_for_function(
         "name => Bokeh.documents.find(d => d.get_model_by_name('bridge')).get_model_by_name('shape').title.text"
@@ -198,22 +201,24 @@ def test_undo_and_redo(watch: Watch, server: Server) -> None:
     third, count = bench.eigenvalues(), bench.shown
     bench.page.locator("body").press("Control+z")
     bench.after(count)
-    assert bench.eigenvalues() == second
+    np.testing.assert_allclose(bench.eigenvalues(), second, rtol=1e-7, atol=1e-8)
     count = bench.shown
     bench.at("undo").click()
     bench.after(count)
-    assert bench.eigenvalues() == first and bench.at("undo").is_disabled()
+    np.testing.assert_allclose(bench.eigenvalues(), first, rtol=1e-7, atol=1e-8)
+    assert bench.at("undo").is_disabled()
     count = bench.shown
     bench.at("redo").click()
     bench.after(count)
     count = bench.shown
     bench.page.locator("body").press("Control+Shift+z")
     bench.after(count)
-    assert bench.eigenvalues() == third and bench.at("redo").is_disabled()
+    np.testing.assert_allclose(bench.eigenvalues(), third, rtol=1e-7, atol=1e-8)
+    assert bench.at("redo").is_disabled()
     count = bench.shown
     bench.at("reset-values").click()
     bench.after(count)
-    assert bench.eigenvalues() == first
+    np.testing.assert_allclose(bench.eigenvalues(), first, rtol=1e-7, atol=1e-8)
 
 
 def test_an_address_brings_the_state_back(watch: Watch, server: Server) -> None:
@@ -225,7 +230,7 @@ def test_an_address_brings_the_state_back(watch: Watch, server: Server) -> None:
     bench.type("speed", "300")
     bench.after(count)
     other = Bench.open(watch, bench.page.url)
-    assert other.eigenvalues() == bench.eigenvalues()
+    np.testing.assert_allclose(other.eigenvalues(), bench.eigenvalues(), rtol=1e-7, atol=1e-8)
     assert other.at("option").input_value() == bench.at("option").input_value()
     assert number_of(other.at("field-speed").input_value()) == 300.0
 
@@ -239,7 +244,7 @@ def test_a_broken_address_says_so(watch: Watch, server: Server, tail: str) -> No
     bench = Bench.open(watch, server.address + tail)
     words = bench.at("message").inner_text()
     assert words.endswith(".") and len(words) > 20
-    assert bench.state == "settled"  # with the first scenario
+    assert bench.state in ("preview", "settled")  # with the first scenario
     bench.no_trace()
     assert bench.page.evaluate("typeof window.hacked") == "undefined"
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
 import pytest
 from browser_watch import Watch, findings, gone, picture
-from page_server import HOSTILE, SMALL, Bench, Server
+from page_server import HOSTILE, PATIENCE, SMALL, Bench, Server
 
 from maglev_ctrl.scenario import load
 
@@ -33,7 +34,7 @@ def test_a_text_is_edited_and_applied(watch: Watch, server: Server) -> None:
     assert after != before
     bench.at("undo").click()
     bench.after(count)
-    assert bench.eigenvalues() == before
+    np.testing.assert_allclose(bench.eigenvalues(), before, rtol=1e-7, atol=1e-8)
 
 
 def test_a_wrong_text_is_told_by_line_and_the_figures_stay(watch: Watch, server: Server) -> None:
@@ -46,7 +47,9 @@ def test_a_wrong_text_is_told_by_line_and_the_figures_stay(watch: Watch, server:
     bench.page.locator("#problems li").first.wait_for()
     assert f"Line {number}, column" in bench.page.locator("#problems .jump").first.inner_text()
     assert "volt" in bench.at("problems").inner_text()
-    assert bench.eigenvalues() == before  # not applied: what was shown is shown
+    np.testing.assert_allclose(
+        bench.eigenvalues(), before, rtol=1e-7, atol=1e-8
+    )  # not applied: what was shown is shown
     bench.page.locator("#problems .jump").first.click()
     selected = bench.at("scenario-text").evaluate("t => t.value.slice(0, t.selectionStart).split('\\n').length")
     assert selected == number
@@ -70,7 +73,7 @@ def test_a_wrong_text_that_is_applied_is_refused_and_undone(watch: Watch, server
     assert findings(bench.page) == []
     bench.at("undo").click()
     bench.after(count)
-    assert bench.eigenvalues() == before
+    np.testing.assert_allclose(bench.eigenvalues(), before, rtol=1e-7, atol=1e-8)
     bench.no_trace()
 
 
@@ -112,7 +115,7 @@ def test_a_wrong_upload_is_refused_in_words(watch: Watch, server: Server, name: 
     bench.no_trace()
     bench.at("undo").click()
     bench.after(count)
-    assert bench.eigenvalues() == before
+    np.testing.assert_allclose(bench.eigenvalues(), before, rtol=1e-7, atol=1e-8)
 
 
 @pytest.mark.parametrize(
@@ -131,7 +134,8 @@ def test_an_upload_that_is_no_text_changes_nothing(
     bench.upload(name, content)
     bench.page.wait_for_function("document.getElementById('upload-words').textContent !== ''")
     assert words in bench.at("upload-words").inner_text() and name in bench.at("upload-words").inner_text()
-    assert bench.eigenvalues() == before and bench.state == "settled"
+    np.testing.assert_allclose(bench.eigenvalues(), before, rtol=1e-7, atol=1e-8)
+    assert bench.state in ("preview", "settled")
     picture(bench.page, f"page_upload_{name.partition('.')[0]}", whole=False)
     assert findings(bench.page) == []
 
@@ -152,7 +156,7 @@ def test_names_with_scripts_are_shown_as_text(watch: Watch, server: Server) -> N
     count = bench.shown
     bench.upload("<img src=x onerror=hacked>.toml", hostile_text().encode())
     bench.after(count)
-    bench.page.wait_for_timeout(1500)  # comparison of the options follows
+    bench.page.wait_for_function("Number(document.documentElement.dataset.compared) > 0", timeout=PATIENCE)
     assert bench.at("title").inner_text() == HOSTILE
     assert HOSTILE in bench.page.title()
     assert HOSTILE in bench.at("option").inner_text()

@@ -9,6 +9,8 @@
   let key = ""
   let limit = 2 ** 20
   let count = 0
+  let asked = 0         // serial of the last wish to see something else
+  let rested = "starting"
   let values = {}
   let lost = false
   let busyWords = ""
@@ -22,12 +24,18 @@
     } catch { /* a browser that keeps nothing */ }
     return null
   }
+  // After these the page is busy until what it shows answers the newest of them.
+  const ASKING = new Set(["choose", "option", "upload", "edit", "values", "undo", "redo", "reset", "design"])
   const say = (event) => {
     if (!bridge || lost) return
     count += 1
+    if (ASKING.has(event.kind)) { asked = count; state("busy") }
     bridge.inbox = JSON.stringify({...event, serial: count})
   }
-  const state = (name) => { root.dataset.state = lost ? "lost" : name }
+  const state = (name) => {
+    if (name !== "busy") rested = name
+    root.dataset.state = lost ? "lost" : name
+  }
   const message = (words) => {
     at("message-strip").hidden = !words
     at("message").textContent = words
@@ -146,7 +154,7 @@
       requestAnimationFrame(() => requestAnimationFrame(() => {
         root.dataset.shown = Number(root.dataset.shown) + 1
         root.dataset.seconds = event.seconds
-        state(event.failure ? "failed" : event.settled ? "settled" : "preview")
+        if (event.answers >= asked && !waiting) state(event.failure ? "failed" : event.settled ? "settled" : "preview")
         if (event.settled) { at("timing").textContent = `Checked in ${server}.`; return }
         if (began !== undefined) root.dataset.latency = Math.round(performance.now() - began)
         at("timing").textContent = `Computed in ${server}` + (began === undefined ? "." : `, on screen after ${root.dataset.latency} ms.`)
@@ -166,7 +174,12 @@
       flush()
     },
     problems(event) { Editor.problems(event.listed, event.count) },
-    message(event) { message(event.words); underway = null; flush() },
+    message(event) {
+      message(event.words)
+      underway = null
+      if (root.dataset.state === "busy" && rested !== "starting") state(rested)  // nothing came of the wish
+      flush()
+    },
     job(event) {
       const running = event.status === "running"
       at("report-running").hidden = !running
