@@ -57,8 +57,10 @@ def state_of(search: str, fragment: str, *, limit: int = ADDRESS_LIMIT) -> PageS
     if len(search) > _QUERY_LIMIT:
         raise ValueError("the address is too long to be read")
     pairs = dict(parse_qsl(search.removeprefix("?"), max_num_fields=500))
-    if "scenario" not in pairs:
+    if not pairs:
         return None
+    if "scenario" not in pairs:
+        raise ValueError(f'the address sets {", ".join(pairs)[:80]} and names no scenario; expected scenario=...')
     values = {}
     for name, text in pairs.items():
         if name in _KEYS:
