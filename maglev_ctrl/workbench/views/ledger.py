@@ -56,11 +56,11 @@ _FOLLOW: Final = (
     + """
 const mode = Number(cursor.data.mode[0])
 let reach = 0, rows = 0
-const {mode: modes, damping, circulatory, slot} = source.data
+const {mode: modes, damping, circulatory, total, slot} = source.data
 for (let i = 0; i < modes.length; i++) {
   if (modes[i] !== mode) continue
   rows += 1
-  for (const value of [damping[i], circulatory[i]]) if (Math.abs(value) > reach) reach = Math.abs(value)
+  for (const value of [damping[i], circulatory[i], total[i]]) if (Math.abs(value) > reach) reach = Math.abs(value)
 }
 const told = titles.data
 figure.title.setv({text: told.title[mode] ?? 'Energy ledger'}, {sync: false})
