@@ -3,6 +3,7 @@ is done by a process of its own."""
 
 from __future__ import annotations
 
+import itertools
 import threading
 import time
 from collections.abc import Callable
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 QUIET = 0.25
 """Seconds without a wish after which the slow part begins."""
 _KEPT = 4
+_SERIALS = itertools.count(1)
+"""Numbers of wishes, of all pages together: a process that one page leaves to another answers none of its old ones."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -148,7 +151,7 @@ class LiveThread:
         """Wish to see a state; takes the place of what is not begun, and stops slow work."""
         with self._changed:
             self._wish = state
-            self._serial += 1
+            self._serial = next(_SERIALS)
             self._changed.notify()
 
     def write(self, state: PageState, purpose: str) -> None:
@@ -161,7 +164,7 @@ class LiveThread:
         """End when what is running is done; studies go back on the shelf."""
         with self._changed:
             self._closed = True
-            self._serial += 1
+            self._serial = next(_SERIALS)
             self._changed.notify()
 
     def _live(self) -> None:

@@ -60,7 +60,7 @@ def state_of(search: str, fragment: str, *, limit: int = ADDRESS_LIMIT) -> PageS
     if not pairs:
         return None
     if "scenario" not in pairs:
-        raise ValueError(f'the address sets {", ".join(pairs)[:80]} and names no scenario; expected scenario=...')
+        raise ValueError(f"the address sets {', '.join(pairs)[:80]} and names no scenario; expected scenario=...")
     values = {}
     for name, text in pairs.items():
         if name in _KEYS:

@@ -70,4 +70,5 @@ class SlowWork:
         assert process.stdout is not None
         with process, suppress(EOFError, OSError, ValueError, pickle.UnpicklingError):
             while True:
-                self.heard(pickle.load(process.stdout))
+                answer = pickle.load(process.stdout)
+                self.heard(answer)  # whoever listens now, and not who did when the wait began

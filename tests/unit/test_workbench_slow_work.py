@@ -91,6 +91,19 @@ def test_the_page_hears_the_fast_view_first_and_then_all_that_is_slow(tmp_path: 
     while not shelf.idle and time.monotonic() < until:
         time.sleep(0.01)
     assert len(shelf.idle) == 1
+    # The next page takes the process over, and everything it orders reaches it and not the page that is gone.
+    later: queue.SimpleQueue[Told] = queue.SimpleQueue()
+    second = LiveThread(sources, shelf, later.put)
+    assert not shelf.idle
+    second.show(state)
+    seen = []
+    while not any(isinstance(one, Compared | Refused) for one in seen):
+        seen.append(later.get(timeout=PATIENCE))
+    assert [one.view.settled for one in seen if isinstance(one, Shown)] == [False, True]
+    second.close()
+    until = time.monotonic() + PATIENCE
+    while not shelf.idle and time.monotonic() < until:
+        time.sleep(0.01)
     shelf.idle[0].close()
 
 
