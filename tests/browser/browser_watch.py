@@ -43,10 +43,10 @@ def find_chromium(own: str) -> str | None:
 
 @contextmanager
 def launched(playwright: Playwright) -> Iterator[Browser]:
-    """A running chromium; the test is skipped without one, and fails where MAGLEV_BROWSER=required says so."""
+    """A running chromium; the test is skipped without one, and fails where MAGLEV_BROWSER (required, all) says so."""
     path = find_chromium(playwright.chromium.executable_path)
     if path is None:
-        if os.environ.get("MAGLEV_BROWSER") == "required":
+        if os.environ.get("MAGLEV_BROWSER") in ("required", "all"):
             pytest.fail(HOW_TO_INSTALL)
         pytest.skip(HOW_TO_INSTALL)
     browser = playwright.chromium.launch(executable_path=path, args=list(ARGUMENTS))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,6 +13,23 @@ sys.path.insert(0, str(Path(__file__).parent))  # modules that these tests share
 
 from browser_watch import Watch, launched
 from playwright.sync_api import Browser, sync_playwright
+
+CORE = {
+    "test_eigenvalues_are_those_of_the_scenario", "test_a_slider_moves_by_keys_and_by_hand",
+    "test_a_value_is_typed_or_refused_in_words", "test_a_mode_is_picked_from_the_list_and_by_a_click",
+    "test_wrong_uploads_are_refused_in_words", "test_axe_has_nothing_serious[light]",
+}  # fmt: skip
+"""What of the live page is tried every time; the rest takes a quarter of an hour, with MAGLEV_BROWSER=all."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The long part of the tests of the live page runs on request."""
+    if os.environ.get("MAGLEV_BROWSER") == "all":
+        return
+    later = pytest.mark.skip(reason="takes long: with MAGLEV_BROWSER=all")
+    for item in items:
+        if item.path.name.startswith("test_workbench_") and "browser" in item.path.parts and item.name not in CORE:
+            item.add_marker(later)
 
 
 @pytest.fixture(scope="module")

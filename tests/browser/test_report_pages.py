@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -66,7 +67,11 @@ PAGES: dict[str, Callable[[Path], None]] = {
 }
 
 
-@pytest.fixture(scope="module", params=list(PAGES))
+OWN = ("comparison", "map")
+"""Pages that are looked at every time; the others with MAGLEV_BROWSER=all."""
+
+
+@pytest.fixture(scope="module", params=list(PAGES) if os.environ.get("MAGLEV_BROWSER") == "all" else OWN)
 def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
     """A kind of page, and the address of its file."""
     folder = tmp_path_factory.mktemp(request.param)

@@ -15,6 +15,7 @@ from maglev_ctrl.study.live import LiveStudy, compare_options, tracks
 from maglev_ctrl.study.live.designed import designed
 from maglev_ctrl.study.live.fast_map import plane_of
 from maglev_ctrl.study.live.quantities import MOST
+from maglev_ctrl.study.live.settle import verdict_of
 from maglev_ctrl.study.situation import OptionModel, Situation
 
 TRAIN = "scenarios/compare/warwick_30t.toml"
@@ -210,3 +211,18 @@ def test_the_map_of_a_calm_option_is_calm(train):
 def test_a_vehicle_of_the_option_is_shown(train, study):
     names = {one.name for one in study.preview({}).vehicle.actuators}
     assert names and names == {one.name for one in OptionModel(train, train.options[3]).vehicle().actuators}
+
+
+def test_a_point_that_grows_under_modulation_never_passes() -> None:
+    """Requirements of the mean system alone would pass there; removing the modulation is the mutant that does."""
+    study = LiveStudy(load("scenarios/periodic/girder_passing.toml"), "weak_windings")
+    calm = {"speed": 330.0 / 3.6, "depth": 0.0}
+    deep = calm | {"depth": 0.4}
+    at_rest, driven = (study.settle(study.point(values)) for values in (calm, deep))
+    assert at_rest.floquet is not None and at_rest.floquet.stable is True
+    assert driven.floquet is not None and driven.floquet.stable is False
+    assert driven.verdict is Verdict.FAIL and driven.verdict_words.startswith("Unstable under modulation")
+    passing = tuple(one for one in driven.requirements if one.verdict is Verdict.PASS)
+    assert verdict_of(passing, True) is (Verdict.PASS if any(one.hard for one in passing) else Verdict.NOT_EVALUATED)
+    assert verdict_of(passing, False) is Verdict.FAIL
+    assert verdict_of(passing, None) is Verdict.NOT_EVALUATED

@@ -55,9 +55,10 @@ def settled(
     check = SweepCheck(HERE, found, doubt)
     requirements = judged(designed.model.scenario, check, MarginPoint(HERE, margins, margins_reason))
     words = verdict_words(check, multipliers, depth, requirements)
+    stable = stable_at(check, multipliers, periodic=designed.modulation is not None and situation.speed > 0.0)
     return replace(
         view, map=atlas, map_reason=reason, floquet=multipliers, margins=margins, margins_reason=margins_reason,
-        requirements=requirements, verdict=verdict_of(requirements), verdict_words=words, settled=True,
+        requirements=requirements, verdict=verdict_of(requirements, stable), verdict_words=words, settled=True,
         seconds=view.seconds + time.perf_counter() - started,
     )  # fmt: skip
 
@@ -79,12 +80,33 @@ def _judged(requirement: RequirementRecord, evidence: Evidence) -> RequirementRe
     return replace(found, description=f"{DESCRIPTIONS[requirement.quantity]}, at the {HERE}")
 
 
-def verdict_of(requirements: tuple[RequirementResult, ...]) -> Verdict:
-    """PASS only where every hard requirement passes, FAIL as soon as one fails."""
+def stable_at(check: SweepCheck, multipliers: Floquet | None, *, periodic: bool) -> bool | None:
+    """Whether the operating point is stable, modulation included; None where it is not decided.
+
+    Examples
+    --------
+    >>> from maglev_ctrl.analysis.modes import modes
+    >>> from maglev_ctrl.systems import SecondOrderSystem
+    >>> grows = modes(SecondOrderSystem.from_matrices([[1.0]], [[-0.2]], [[4.0]]))
+    >>> stable_at(SweepCheck("here", grows, ""), None, periodic=False)
+    False
+    """
+    found = check.modes
+    if check.doubt or found.agreement is Agreement.UNRESOLVED:
+        return None
+    if not found.stable or not periodic:
+        return found.stable
+    return None if multipliers is None else multipliers.stable
+
+
+def verdict_of(requirements: tuple[RequirementResult, ...], stable: bool | None) -> Verdict:
+    """PASS only where the point is stable and every hard requirement passes, FAIL as soon as one fails or it grows."""
     verdicts = [one.verdict for one in requirements if one.hard]
-    if Verdict.FAIL in verdicts:
+    if stable is False or Verdict.FAIL in verdicts:
         return Verdict.FAIL
-    return Verdict.NOT_EVALUATED if not verdicts or Verdict.NOT_EVALUATED in verdicts else Verdict.PASS
+    if stable is None or not verdicts or Verdict.NOT_EVALUATED in verdicts:
+        return Verdict.NOT_EVALUATED
+    return Verdict.PASS
 
 
 def verdict_words(
