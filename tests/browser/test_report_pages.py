@@ -141,6 +141,7 @@ def test_a_page_is_read_by_keyboard(watch: Watch, written: tuple[str, str]) -> N
     page.keyboard.press("Enter")
     assert page.evaluate("document.activeElement.id") == "content"
     page = watch.page(address)
+    page.emulate_media(reduced_motion="reduce")  # a jump, past figures that would each be drawn on the way
     links = page.locator("nav a[href^='#']")
     last = links.nth(links.count() - 1)
     for _ in range(links.count() + 2):
@@ -152,7 +153,7 @@ def test_a_page_is_read_by_keyboard(watch: Watch, written: tuple[str, str]) -> N
     target = page.locator(str(last.get_attribute("href")))
     page.wait_for_function(
         "id => { const t = document.querySelector(id).getBoundingClientRect().top; "
-        "return t > -5 && t < innerHeight }", arg=last.get_attribute("href"),
+        "return t > -5 && t < innerHeight }", arg=last.get_attribute("href"), timeout=60_000,
     )  # fmt: skip
     assert target.inner_text()
 
