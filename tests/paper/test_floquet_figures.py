@@ -43,7 +43,7 @@ def test_mathieu_tongues_are_scipys(order: int, q: float, record_property) -> No
     assert row.resonance.name == f"2 w1/{order}"
     lower, upper = row.computed_centre - row.computed_half_width, row.computed_centre + row.computed_half_width
     off = max(abs(lower / mathieu_b(order, q) - 1.0), abs(upper / mathieu_a(order, q) - 1.0))
-    record_property("error", off)
+    record_property("error", float(off))
     record_property("allowed", 1e-9)
     assert off < 1e-9
 
