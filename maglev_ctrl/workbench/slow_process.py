@@ -139,10 +139,3 @@ def main() -> int:
     threading.Thread(target=desk.hear, args=(sys.stdin.buffer,), daemon=True).start()
     desk.work()
     return 0
-
-
-if __name__ == "__main__":
-    # Pickles name a record by its module, which must not be the one that was started.
-    from maglev_ctrl.workbench.slow_process import main as started
-
-    sys.exit(started())

@@ -13,7 +13,9 @@ from typing import Final
 
 from maglev_ctrl.workbench.slow_process import SlowAnswer, SlowOrder
 
-_COMMAND: Final = (sys.executable, "-m", "maglev_ctrl.workbench.slow_process")
+# Imported rather than run: pickles name a record by its module, which must not be "__main__".
+_STARTED: Final = "from maglev_ctrl.workbench.slow_process import main; raise SystemExit(main())"
+_COMMAND: Final = (sys.executable, "-c", _STARTED)
 
 
 class SlowWork:
