@@ -8,7 +8,6 @@ step and differ only in the matrices that are multiplied. Systems are grouped by
 from __future__ import annotations
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -21,7 +20,7 @@ from maglev_ctrl.kernels.taylor import TaylorPlan, taylor_plan, tree_product
 
 _ALIKE = 2.0  # systems of one group differ by at most this in (norm times period)
 _TRIES = 3  # segment counts tried, each twice the one before
-_PER_OCTAVE = 8  # norms are rounded up to this many steps per factor of two, so that plans can be used again
+_PER_OCTAVE = 32  # norms are rounded up to this many steps per factor of two, so that plans can be used again
 _HISTORY = 1 << 17  # numbers per Taylor order kept at once, so that the history stays in the cache
 
 
@@ -35,7 +34,7 @@ class ManyMonodromies:
 
 def monodromy_many(
     A_0: FloatArray, A_cos: FloatArray, A_sin: FloatArray, *, frequency: FloatArray, depths: FloatArray | None = None,
-    tolerance: float = 1e-14, threads: int = 1,
+    tolerance: float = 1e-14,
 ) -> ManyMonodromies:  # fmt: skip
     """Propagators over one period of x' = [A_0 + depth sum_k (A_cos[k] cos k W t + A_sin[k] sin k W t)] x.
 
@@ -45,7 +44,6 @@ def monodromy_many(
     frequency : (B,) rad/s
     depths : (D,), the same for all systems; depth 1 when left out
     tolerance : largest truncation error per segment
-    threads : that share the work
 
     Examples
     --------
@@ -61,13 +59,12 @@ def monodromy_many(
     period = (2.0 * np.pi / omega)[:, None, None]
     constant = A_0 * period
     cosine, sine = A_cos * period[:, None], A_sin * period[:, None]
-    norm_0 = _norm(constant)
-    norms = _norm(cosine) + _norm(sine)
+    norm_0 = np.linalg.norm(constant, 2, axis=(1, 2))
+    norms = np.linalg.norm(cosine, 2, axis=(2, 3)) + np.linalg.norm(sine, 2, axis=(2, 3))
     deepest = float(np.max(np.abs(levels), initial=0.0))
     size = norm_0 + deepest * np.sum(norms, axis=1)
     result, error = np.empty((count, len(levels), n, n)), np.empty(count)
-
-    def work(group: NDArray[np.intp]) -> None:
+    for group in _groups(size):
         worst = deepest * np.max(norms[group], axis=0)
         plan, basis = _cheapest(
             _rounded_up(float(np.max(norm_0[group]))), tuple(_rounded_up(float(one)) for one in worst),
@@ -85,27 +82,7 @@ def monodromy_many(
                 factors = _one_by_one(*scaled, levels=levels, plan=plan)
             result[part] = tree_product(factors)
         error[group] = plan.segments * plan.truncation + 1e-14 * np.sqrt(plan.segments)
-
-    groups = _groups(size)
-    if threads > 1 and len(groups) > 1:
-        told = np.geterr()  # which a thread does not inherit
-
-        def quietly(group: NDArray[np.intp]) -> None:
-            with np.errstate(**told):
-                work(group)
-
-        with ThreadPoolExecutor(max_workers=threads) as pool:
-            list(pool.map(quietly, reversed(groups)))  # the longest first
-    else:
-        for one in groups:
-            work(one)
     return ManyMonodromies(result, error)
-
-
-def _norm(matrices: FloatArray) -> FloatArray:
-    """2-norms (...,) of matrices (..., n, n), a little rounded up."""
-    found = np.linalg.eigvalsh(np.swapaxes(matrices, -1, -2) @ matrices)[..., -1]
-    return np.asarray(np.sqrt(np.maximum(found, 0.0)) * (1.0 + 1e-7))
 
 
 def _rounded_up(norm: float) -> float:
