@@ -8,6 +8,7 @@ step and differ only in the matrices that are multiplied. Systems are grouped by
 from __future__ import annotations
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -34,7 +35,7 @@ class ManyMonodromies:
 
 def monodromy_many(
     A_0: FloatArray, A_cos: FloatArray, A_sin: FloatArray, *, frequency: FloatArray, depths: FloatArray | None = None,
-    tolerance: float = 1e-14,
+    tolerance: float = 1e-14, threads: int = 1,
 ) -> ManyMonodromies:  # fmt: skip
     """Propagators over one period of x' = [A_0 + depth sum_k (A_cos[k] cos k W t + A_sin[k] sin k W t)] x.
 
@@ -44,6 +45,7 @@ def monodromy_many(
     frequency : (B,) rad/s
     depths : (D,), the same for all systems; depth 1 when left out
     tolerance : largest truncation error per segment
+    threads : that share the work
 
     Examples
     --------
@@ -64,7 +66,8 @@ def monodromy_many(
     deepest = float(np.max(np.abs(levels), initial=0.0))
     size = norm_0 + deepest * np.sum(norms, axis=1)
     result, error = np.empty((count, len(levels), n, n)), np.empty(count)
-    for group in _groups(size):
+
+    def work(group: NDArray[np.intp]) -> None:
         worst = deepest * np.max(norms[group], axis=0)
         plan, basis = _cheapest(
             _rounded_up(float(np.max(norm_0[group]))), tuple(_rounded_up(float(one)) for one in worst),
@@ -82,6 +85,20 @@ def monodromy_many(
                 factors = _one_by_one(*scaled, levels=levels, plan=plan)
             result[part] = tree_product(factors)
         error[group] = plan.segments * plan.truncation + 1e-14 * np.sqrt(plan.segments)
+
+    groups = _groups(size)
+    if threads > 1 and len(groups) > 1:
+        told = np.geterr()  # which a thread does not inherit
+
+        def quietly(group: NDArray[np.intp]) -> None:
+            with np.errstate(**told):
+                work(group)
+
+        with ThreadPoolExecutor(max_workers=threads) as pool:
+            list(pool.map(quietly, reversed(groups)))  # the longest first
+    else:
+        for one in groups:
+            work(one)
     return ManyMonodromies(result, error)
 
 
