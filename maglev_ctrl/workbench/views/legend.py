@@ -87,7 +87,7 @@ def legend_html(entries: Sequence[tuple[str, str]]) -> str:
 
     Examples
     --------
-    >>> legend_html([(line_sign(2.0, "red"), "a < b")])[-26:]
+    >>> legend_html([(line_sign(2.0, "red"), "a < b")])[-25:]
     'a &lt; b</span></li></ul>'
     """
     if not entries:
