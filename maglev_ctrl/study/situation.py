@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from maglev_ctrl.analysis.floquet_margins import scaled_controller
 from maglev_ctrl.errors import OutOfDomain
@@ -15,6 +15,9 @@ PADE_ORDER = 2
 """Order of the Pade form of actuator delays in studies; every closed loop is checked again with VERIFICATION_ORDER."""
 
 VERIFICATION_ORDER = 5
+
+
+_KEPT = 4  # vehicles of an option at different payloads
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -54,6 +57,7 @@ class OptionModel:
     option: OptionRecord | None
     schedule: ScheduledController | None = None
     dampings: tuple[tuple[str, float], ...] = ()
+    _built: dict[float | None, Vehicle] = field(default_factory=dict, init=False, repr=False)  # of the last payloads
 
     def law_at(self, situation: Situation, controller: Controller | None) -> Controller | None:
         """The control law in a situation: the schedule's where there is one, else the one given.
@@ -78,7 +82,16 @@ class OptionModel:
         return replace(self, schedule=replace(self.schedule, controllers=laws))
 
     def vehicle(self, payload: float | None = None) -> Vehicle:
-        """The vehicle with the option's elements, at a payload (kg; None = the scenario's)."""
+        """The vehicle with the option's elements, at a payload (kg; None = the scenario's); kept for the next question,
+        because what is computed of a vehicle once is kept with it."""
+        found = self._built.get(payload)
+        if found is None:
+            if len(self._built) >= _KEPT:
+                self._built.clear()
+            found = self._built[payload] = self._vehicle(payload)
+        return found
+
+    def _vehicle(self, payload: float | None) -> Vehicle:
         bare = build_vehicle(self.scenario, payload=payload)
         if self.option is None:
             return bare

@@ -45,12 +45,14 @@ class Arrangement:
             "shape": ShapeView(cursor), "margins": MarginsView(),
         }  # fmt: skip
         self._compared = ComparisonView()
-        views: list[Any] = [*self._live.values(), self._compared]
-        figures = [figure for view in views for figure in view.figures]
-        for figure in figures:
+        for figure in self._figures():
             dress(figure, False)
-        self._switch = theme_switch(figures)
+        self._switch = theme_switch(self._figures())
         self._switch.name = "theme-switch"
+
+    def _figures(self) -> list[Any]:
+        views: list[Any] = [*self._live.values(), self._compared]
+        return [figure for view in views for figure in view.figures]
 
     def attach(self, document: Any) -> None:
         """Put everything into a document, which looks through all of it once."""
@@ -66,13 +68,15 @@ class Arrangement:
             document.config.notify_connection_status = document.config.reconnect_session = False
 
     def show(self, view: LiveView) -> None:
-        """Draw a view in every figure, in one go."""
-        self._view = view
+        """Draw a view in every figure, in one go; the map of one that is still followed stays as it is."""
+        if not view.following:
+            self._view = view
         self._document.hold("combine")
         try:
             self._cursor.move(speed=view.speed, depth=view.depth)
-            for one in self._live.values():
-                one.show(view)
+            for place, one in self._live.items():
+                if not (view.following and place == "map"):
+                    one.show(view)
         finally:
             self._document.unhold()
 
@@ -81,6 +85,8 @@ class Arrangement:
         self._comparison = comparison
         self._document.hold("combine")
         try:
+            if self._compared.draw():
+                self._switch.args = theme_switch(self._figures()).args
             self._compared.show(comparison, "" if self._view is None else self._view.option)
         finally:
             self._document.unhold()

@@ -15,7 +15,7 @@ _TYPES: Final = {
     ".css": "text/css; charset=utf-8",
     ".svg": "image/svg+xml",
 }
-_OWN: Final = ("theme.js", "workbench.js", "controls.js", "editor.js", "workbench.css", "icon.svg")
+_OWN: Final = ("theme.js", "figures.js", "workbench.js", "controls.js", "editor.js", "workbench.css", "icon.svg")
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,6 +4,7 @@ is done by a process of its own."""
 from __future__ import annotations
 
 import itertools
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -26,6 +27,9 @@ if TYPE_CHECKING:
 
 QUIET = 0.25
 """Seconds without a wish after which the slow part begins."""
+LONGEST_STALE = 0.4
+"""Seconds that tracks and map may stay behind while a slider is dragged."""
+_PATIENCE = 0.1  # s that the sending of what is at the operating point is waited for
 _KEPT = 4
 _SERIALS = itertools.count(1)
 """Numbers of wishes, of all pages together: a process that one page leaves to another answers none of its old ones."""
@@ -49,6 +53,8 @@ class Shown:
     state: PageState
     view: LiveView
     seconds: float
+    sent: threading.Event = field(default_factory=threading.Event)
+    """Set when it is on its way to the browser."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -90,7 +96,7 @@ Told = Opened | Shown | Written | Compared | Busy | Refused
 
 @dataclass(eq=False, slots=True)
 class Shelf:
-    """Studies ready to use and used by nobody: warmed at the start, or left by a page that was closed."""
+    """Studies as they were opened, of which every page gets a twin, and processes that closed pages have left."""
 
     studies: dict[tuple[str, str, str], tuple[Scenario, LiveStudy]] = field(default_factory=dict)
     idle: list[SlowWork] = field(default_factory=list)
@@ -112,15 +118,16 @@ class Shelf:
         worker.close()
 
     def take(self, key: tuple[str, str, str]) -> tuple[Scenario, LiveStudy] | None:
-        """The study of a key, for the taker alone."""
+        """A twin of the study of a key, for the taker alone."""
         with self.lock:
-            return self.studies.pop(key, None)
+            found = self.studies.get(key)
+            return None if found is None else (found[0], found[1].twin())
 
     def put(self, key: tuple[str, str, str], study: tuple[Scenario, LiveStudy]) -> None:
-        """Leave a study for whoever wants it next."""
+        """Keep a twin of a study for whoever wants it next."""
         with self.lock:
             self.studies.pop(key, None)
-            self.studies[key] = study
+            self.studies[key] = study[0], study[1].twin()
             while len(self.studies) > _KEPT:
                 del self.studies[next(iter(self.studies))]
 
@@ -140,6 +147,8 @@ class LiveThread:
         self._texts: list[tuple[PageState, str]] = []
         self._serial = 0
         self._closed = False
+        self._whole: LiveView | None = None  # shown last with tracks and map of its own
+        self._whole_at = -math.inf
         self._own: dict[tuple[str, str, str], tuple[Scenario, LiveStudy]] = {}
         self._telling = threading.Lock()
         self._ordered: tuple[int, PageState, LiveView, float] | None = None
@@ -161,7 +170,7 @@ class LiveThread:
             self._changed.notify()
 
     def close(self) -> None:
-        """End when what is running is done; studies go back on the shelf."""
+        """End when what is running is done."""
         with self._changed:
             self._closed = True
             self._serial = next(_SERIALS)
@@ -189,8 +198,6 @@ class LiveThread:
         self._slow.cancel(self._serial)
         self._slow.heard = lambda answer: None
         self._shelf.leave(self._slow)
-        for key, study in self._own.items():
-            self._shelf.put(key, study)
 
     def _guarded(
         self, state: PageState, work: Callable[[], tuple[PageState, LiveView] | None], *, purpose: str = ""
@@ -212,13 +219,35 @@ class LiveThread:
     def _first(self, state: PageState) -> tuple[PageState, LiveView] | None:
         scenario, study, fresh = self._study(state)
         if fresh:
+            self._whole = None
             option, words = option_of(scenario, state)
             self._tell(Opened(state, scenario, option, study.quantities(), words))
         began = time.perf_counter()
-        view = study.preview(known_values(study, state))
-        with self._telling:
-            self._tell(Shown(state, view, time.perf_counter() - began))
+        values = known_values(study, state)
+        before = None if fresh or study.knows_sweep(values) else self._whole
+        if before is not None:
+            # What stands at the operating point comes at once, tracks and map a moment later.
+            point = study.point(values)
+            if not point.failure:
+                shown = self._show(state, replace(point, tracks=before.tracks, map=before.map, following=True), began)
+                shown.sent.wait(_PATIENCE)  # or the thread that sends it would have to share its time with this one
+                if self._wished() and time.perf_counter() - self._whole_at < LONGEST_STALE:
+                    return None
+        self._whole = view = study.preview(values)
+        self._whole_at = time.perf_counter()
+        self._show(state, view, began)
         return state, view
+
+    def _show(self, state: PageState, view: LiveView, began: float) -> Shown:
+        shown = Shown(state, view, time.perf_counter() - began)
+        with self._telling:
+            self._tell(shown)
+        return shown
+
+    def _wished(self) -> bool:
+        """Whether something newer waits already."""
+        with self._changed:
+            return self._wish is not None
 
     def _order(self, state: PageState, view: LiveView, serial: int) -> None:
         """Have everything slow about a state done: settle, write, compare."""
@@ -267,10 +296,10 @@ class LiveThread:
                 found = open_study(self._sources, state, tell=lambda words: self._tell(Busy(words)))
             finally:
                 self._tell(Busy(""))
+            self._shelf.put(key, found)
         self._own[key] = found
         while len(self._own) > _KEPT:
-            oldest = next(iter(self._own))
-            self._shelf.put(oldest, self._own.pop(oldest))
+            del self._own[next(iter(self._own))]
         return (*found, newest != key)
 
 

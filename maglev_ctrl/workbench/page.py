@@ -9,6 +9,8 @@ from concurrent.futures import Future
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from tornado.ioloop import IOLoop
+
 from maglev_ctrl.errors import MaglevError
 from maglev_ctrl.scenario.problems import Problem, ScenarioProblems
 from maglev_ctrl.scenario.reader import SIZE_LIMIT
@@ -224,11 +226,12 @@ class Page:
         newest, self._newest = self._newest, None
         if newest is not None and self._scenario is not None:
             self._guarded(partial(self._drawn, newest, self._scenario))
+            IOLoop.current().add_callback(newest.sent.set)  # after the message of what is drawn here
 
     def _drawn(self, shown: Shown, scenario: Scenario) -> None:
         self.arrangement.show(shown.view)
         # A page rests only when it shows what it asked for last; an older view is drawn on the way there.
-        answers = self._last_heard if self._is_now(shown.state) else 0
+        answers = self._last_heard if self._is_now(shown.state) and not shown.view.following else 0
         self._say({**view_event(shown.view, scenario, shown.seconds), "answers": answers})
 
     def _tell(self, told: Told) -> None:

@@ -6,6 +6,7 @@ import asyncio
 import logging
 import os
 import signal
+import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
@@ -24,6 +25,7 @@ from tornado.ioloop import IOLoop
 from maglev_ctrl.scenario.reader import SIZE_LIMIT
 from maglev_ctrl.workbench.arrangement import Arrangement
 from maglev_ctrl.workbench.assets import assets
+from maglev_ctrl.workbench.connection import OneMessage
 from maglev_ctrl.workbench.faults import tell_terminal
 from maglev_ctrl.workbench.handlers import LIVE, Guarded, patterns
 from maglev_ctrl.workbench.jobs import ReportJobs
@@ -35,6 +37,9 @@ from maglev_ctrl.workbench.sources import find_sources, shipped_folder
 from maglev_ctrl.workbench.state import PageState
 
 REPORTS = Path("out") / "workbench"
+SWITCH = 5e-4
+"""Seconds after which a thread that computes lets the one that talks to the browser go on: ten times sooner than Python
+does by itself, for a message takes many turns."""
 _MESSAGE_LIMIT = 4 * SIZE_LIMIT  # of one message: a text of the largest size with every sign escaped, and some more
 _QUIET = 4.0  # s after a page was opened until the next one's views are made
 _SESSION_LIFETIME = 15_000  # ms a page may be away before its document goes; what it showed is in its address
@@ -42,6 +47,12 @@ _SESSION_LIFETIME = 15_000  # ms a page may be away before its document goes; wh
 
 class _Site(Guarded, BokehTornado):  # type: ignore[misc]
     """Bokeh's own server behind the guard that looks at each request first."""
+
+    def new_connection(self, protocol: Any, socket: Any, application_context: Any, session: Any) -> OneMessage:
+        """A page's connection."""
+        connection = OneMessage(protocol, socket, application_context, session)
+        self._clients.add(connection)
+        return connection
 
 
 def serve(
@@ -78,10 +89,13 @@ def serve(
             warm = threading.Thread(target=_warm, args=(site,), daemon=True)
             loop.add_callback(warm.start)
             loop.add_callback(ready, f"http://{shown}:{number}/")
+            interval = sys.getswitchinterval()
+            sys.setswitchinterval(SWITCH)
             try:
                 while not ended:
                     loop.start()
             finally:
+                sys.setswitchinterval(interval)
                 site.jobs.close()
                 site.pool.shutdown(wait=False, cancel_futures=True)
                 server.stop(wait=False)

@@ -50,6 +50,7 @@ def view_event(view: LiveView, scenario: Scenario, seconds: float) -> Event:
     return {
         "kind": "view",
         "settled": view.settled,
+        "following": view.following,
         "failure": view.failure,
         "verdict": view.verdict.value,
         "slug": SLUGS[view.verdict],

@@ -221,6 +221,7 @@ def test_words_from_a_scenario_stay_words(kind: str) -> None:
     for one in views:
         one.show(hostile_view())
     compared = ComparisonView()
+    assert compared.draw() and not compared.draw()  # made once
     found = live_comparison()
     compared.show(replace(found, labels=(HOSTILE,) * 3, reasons=(HOSTILE,) * 3), "bare")
     figures = [figure for one in (*views, compared) for figure in one.figures]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
+from scipy import special
 
 from maglev_ctrl.analysis.simulation.records import Event, Limits
 from maglev_ctrl.analysis.simulation.run import simulate
@@ -104,8 +104,8 @@ def attraction(
         # A run that ended early holds NaN, and NaN is not small.
         back = (np.max(np.linalg.norm(late, axis=-1), axis=1) <= returned * size).reshape(len(radii), d)
     counts, tail = back.sum(axis=1), 0.5 * (1.0 - confidence)
-    lower = np.where(counts > 0, stats.beta.ppf(tail, counts, d - counts + 1), 0.0)
-    upper = np.where(counts < d, stats.beta.ppf(1.0 - tail, counts + 1, d - counts), 1.0)
+    lower = np.where(counts > 0, special.betaincinv(counts, d - counts + 1, tail), 0.0)
+    upper = np.where(counts < d, special.betaincinv(counts + 1, d - counts, 1.0 - tail), 1.0)
     return Attraction(
         coordinates=names,
         scales=read_only(scales, name="scales"),

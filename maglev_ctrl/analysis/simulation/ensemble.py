@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
+from scipy import special
 
 from maglev_ctrl.arrays import FloatArray, read_only_any
 from maglev_ctrl.errors import Agreement
@@ -77,8 +77,8 @@ def ensemble_rms(
         return EnsembleRms(0.0, (0.0, 0.0), (0.0, 0.0), np.inf, still, confidence, Agreement.AGREED, "")
     tail = 0.5 * (1.0 - confidence)
     freedom = max(runs * kept.shape[1] / _correlated(kept), 1.0)
-    low, high = (freedom / float(stats.chi2.ppf(q, freedom)) for q in (1.0 - tail, tail))
-    wide = float(stats.t.ppf(1.0 - tail, runs - 1)) * float(np.std(squares, ddof=1)) / np.sqrt(runs)
+    low, high = (0.5 * freedom / float(special.gammaincinv(0.5 * freedom, q)) for q in (1.0 - tail, tail))
+    wide = float(special.stdtrit(runs - 1, 1.0 - tail)) * float(np.std(squares, ddof=1)) / np.sqrt(runs)
     band = (float(np.sqrt(mean * low)), float(np.sqrt(mean * high)))
     scatter = (float(np.sqrt(max(mean - wide, 0.0))), float(np.sqrt(mean + wide)))
     ratio = (scatter[1] - scatter[0]) / (band[1] - band[0])

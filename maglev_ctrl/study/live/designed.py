@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -36,26 +36,35 @@ class AtSituation:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Designed:
-    """An option whose law is designed at its scenario's own design point.
-
-    `merged`: on the map, delay and bandwidth of every actuator are one lag, because they are short against every mode.
-    """
+    """An option whose law is designed at its scenario's own design point."""
 
     model: OptionModel
     controller: Controller | None
     notes: tuple[str, ...]
     modulation: ScenarioModulation | None
     map_reason: str
-    merged: bool
-    _vehicles: dict[float | None, Vehicle] = field(default_factory=dict)
+    _merged: list[bool] = field(default_factory=list)
     _slowed: dict[float | None, Vehicle] = field(default_factory=dict)
     _last: list[AtSituation] = field(default_factory=list)
 
+    def twin(self) -> Designed:
+        """The same for another thread."""
+        return replace(self, _merged=list(self._merged), _slowed=dict(self._slowed), _last=list(self._last))
+
+    @property
+    def merged(self) -> bool:
+        """Whether on the map delay and bandwidth of every actuator are one lag, being short against every mode."""
+        if not self._merged:
+            own = Situation.of_design(self.model.scenario)
+            self._merged.append(
+                self.modulation is not None
+                and delays_are_short(self.model, self.vehicle(None), self.controller, closed=self.closed(own)[0])
+            )
+        return self._merged[0]
+
     def vehicle(self, payload: float | None) -> Vehicle:
         """The vehicle with the option's elements at a payload (kg)."""
-        if payload not in self._vehicles:
-            self._vehicles[payload] = self.model.vehicle(payload)
-        return self._vehicles[payload]
+        return self.model.vehicle(payload)
 
     def slowed(self, payload: float | None) -> Vehicle:
         """The vehicle the map is drawn for."""
@@ -132,8 +141,7 @@ def designed(
     try:
         model, design = designed_option(scenario, option)
         controller = None if design is None else design.controller
-        vehicle = model.vehicle()
-        closed = model.closed_of(vehicle, Situation.of_design(scenario), controller)
+        model.balance(Situation.of_design(scenario))
     except (ValueError, ArithmeticError, np.linalg.LinAlgError) as fault:
         raise ModelError(f"{fault}") from None
     modulation, reason = None, NO_PERIOD
@@ -142,7 +150,4 @@ def designed(
             modulation, reason = modulation_of(scenario), ""
         except FAULTS as fault:
             reason = f"{fault}"
-    merged = modulation is not None and delays_are_short(model, vehicle, controller, closed=closed)
-    return Designed(
-        model, controller, () if design is None else tuple(design.notes), modulation, reason, merged, {None: vehicle}
-    )
+    return Designed(model, controller, () if design is None else tuple(design.notes), modulation, reason)

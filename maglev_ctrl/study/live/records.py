@@ -98,6 +98,8 @@ class LiveView:
     notes: tuple[str, ...]
     settled: bool
     seconds: float
+    following: bool = False
+    """Tracks and map are still those of the values before; those of these values follow."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)

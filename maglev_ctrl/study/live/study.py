@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -62,6 +63,13 @@ class LiveStudy:
         self._sliders = sliders(scenario, option, depth=depth)
         self._label = option.label or option.name
 
+    def twin(self) -> LiveStudy:
+        """Another study that knows all this one knows, for another thread."""
+        other = copy(self)
+        other._swept, other._sizes = dict(self._swept), Sizes(dict(self._sizes.known))
+        other._designs = {key: made.twin() for key, made in self._designs.items()}
+        return other
+
     def quantities(self) -> tuple[LiveQuantity, ...]:
         """The sliders with the scenario's own values."""
         return tuple(one.shown for one in self._sliders)
@@ -76,8 +84,17 @@ class LiveStudy:
         return self._view(values, whole=True)
 
     def point(self, values: Mapping[str, float]) -> LiveView:
-        """As `preview`, at the operating point alone: without tracks and map."""
+        """As `preview`, at the operating point alone: tracks and map only where they are known already."""
         return self._view(values, whole=False)
+
+    def knows_sweep(self, values: Mapping[str, float]) -> bool:
+        """Whether tracks and map at values (SI) by name are known already, so that `preview` is as fast as `point`.
+
+        Raises
+        ------
+        ValueError : a name without a slider
+        """
+        return _still(self._chosen(values)) in self._swept
 
     def _view(self, values: Mapping[str, float], *, whole: bool) -> LiveView:
         started = time.perf_counter()
@@ -96,7 +113,8 @@ class LiveStudy:
             found = modes(system)
         except FAULTS as fault:
             return replace(blank, failure=f"{fault}", seconds=time.perf_counter() - started)
-        swept = self._sweep(made, chosen, situation) if whole else _Swept(None, None, "not asked for")
+        known = self._swept.get(_still(chosen), _Swept(None, None, "not asked for"))
+        swept = self._sweep(made, chosen, situation) if whole else known
         return replace(
             blank, system=system, modes=found, tracks=swept.tracks, map=swept.map, map_reason=swept.reason,
             height=float(np.mean(balanced.magnet_heights)) if len(balanced.magnet_heights) else situation.height,
@@ -171,7 +189,7 @@ class LiveStudy:
 
     def _sweep(self, made: Designed, chosen: Mapping[str, float], situation: Situation) -> _Swept:
         """Tracks and map, which neither speed nor depth of the operating point change."""
-        still = tuple((name, value) for name, value in chosen.items() if name not in (SPEED, DEPTH))
+        still = _still(chosen)
         if still not in self._swept:
             found = self._swept_at(made, situation)
             while len(self._swept) >= _KEPT:
@@ -218,6 +236,11 @@ class LiveStudy:
             )  # fmt: skip
         except FAULTS:
             return None
+
+
+def _still(chosen: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
+    """The values that tracks and map belong to."""
+    return tuple((name, value) for name, value in chosen.items() if name not in (SPEED, DEPTH))
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -148,6 +148,7 @@
       at("design").hidden = !event.away
       at("design-words").textContent = event.away
       for (const part of document.querySelectorAll(".view")) part.classList.toggle("unsettled", !event.settled)
+      at("view-map").classList.toggle("following", event.following)
       const began = underway?.time
       if (!event.settled) underway = null
       const server = `${Math.round(1000 * event.seconds)} ms`
@@ -161,7 +162,7 @@
       }))
       flush()
     },
-    compared() { root.dataset.compared = Number(root.dataset.compared || 0) + 1 },
+    compared() { if (!root.dataset.compared) dress(); root.dataset.compared = Number(root.dataset.compared || 0) + 1 },
     written(event) { textShown = event.text; Editor.show(event.text, false) },
     refused(event) {
       underway = null
@@ -322,6 +323,7 @@
     begin()
     dress()
     Bokeh.set_log_level?.("warn")
+    Figures.quicken()
     try {
       await Bokeh.embed.embed_items({}, [item], document.body.dataset.live)
     } catch (fault) {

@@ -61,6 +61,14 @@ class ComparisonView:
         self.words.stylesheets[0].css = TABLE_STYLE
         self._names = Range1d(-1.5, 0.5)
         self._ticker = FixedTicker(ticks=[0])
+        self.figures: tuple[Any, ...] = ()
+        self.root = column(self.words, sizing_mode="stretch_width", name="comparison-view")
+
+    def draw(self) -> bool:
+        """Make the panels, which come with the first comparison: a page that opens has enough to build. Whether they
+        are new."""
+        if self.figures:
+            return False
         self.figures = tuple(self._panel(k) for k in range(len(QUANTITIES)))
         for figure in self.figures:
             dress(figure, False)
@@ -68,7 +76,8 @@ class ComparisonView:
             children=[(figure, 0, k) for k, figure in enumerate(self.figures)], spacing=6, sizing_mode="stretch_width",
             cols=[f"minmax({NAMED_WIDTH}px, 1.8fr)", *([f"minmax({WIDTH}px, 1fr)"] * (len(self.figures) - 1))],
         )  # fmt: skip
-        self.root = column(panels, self.words, sizing_mode="stretch_width", name="comparison-view")
+        self.root.children = [panels, self.words]
+        return True
 
     def _panel(self, place: int) -> Any:
         name, words, unit, _, bad_low = QUANTITIES[place]
@@ -110,6 +119,7 @@ class ComparisonView:
         if not count:
             self.clear("the scenario has no options")
             return
+        self.draw()
         mine = [name == current for name in found.options]
         self.options.data = {
             "label": list(found.labels), "current": mine, "slot": -np.arange(count, dtype=float),

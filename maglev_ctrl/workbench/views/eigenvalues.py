@@ -17,6 +17,7 @@ from bokeh.models import (
     TapTool,
 )
 
+from maglev_ctrl.analysis.tracking import ModeTracks
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.report.charts_modes import growth_window
 from maglev_ctrl.report.style import FAIL_COLOUR, number
@@ -105,6 +106,7 @@ class EigenvalueView:
             stylesheets=[widget_style()],
         )
         self._window: tuple[float, float, float, float] | None = None
+        self._lines: tuple[ModeTracks, tuple[tuple[int, int, str], ...]] | None = None  # what is drawn over speed
         self._draw()
         self._link()
         dress(self.figure, False)
@@ -210,7 +212,7 @@ class EigenvalueView:
 
     def clear(self, reason: str) -> None:
         """Nothing to show, and why."""
-        self.marks.data = _no_marks()
+        self.marks.data, self._lines = _no_marks(), None
         self.tracks.data = {"x": [], "y": [], "colour": [], "dash": [], "label": []}
         self.grid.data = {"speed": np.zeros(0), "own": np.zeros(0)}
         self.legend.text = ""
@@ -222,6 +224,10 @@ class EigenvalueView:
         rows = [one for one in shown if one.track >= 0 and tracks is not None]
         speed = np.array([view.speed]) if tracks is None else np.array(tracks.parameter)
         self.grid.data = {"speed": speed, "own": np.full(len(speed), view.speed)}
+        lines = tuple((one.track, one.colour, one.label) for one in rows)
+        if tracks is not None and self._lines is not None and self._lines[0] is tracks and self._lines[1] == lines:
+            return
+        self._lines = None if tracks is None else (tracks, lines)
         s = np.zeros((0, 0), dtype=complex) if tracks is None else tracks.s
         self.tracks.data = {
             "x": [np.array(s[:, one.track].real) for one in rows],

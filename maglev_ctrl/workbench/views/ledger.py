@@ -55,6 +55,9 @@ _FOLLOW: Final = (
     TELL
     + """
 const mode = Number(cursor.data.mode[0])
+if (cb_obj === cursor && source.followed === source.data && source.mode_shown === mode) return // only the speed moved
+source.followed = source.data
+source.mode_shown = mode
 let reach = 0, rows = 0
 const {mode: modes, damping, circulatory, total, slot} = source.data
 for (let i = 0; i < modes.length; i++) {

@@ -89,6 +89,7 @@ class MapView:
     def __init__(self, cursor: Cursor) -> None:
         self.cursor = cursor
         self.summary = ""
+        self._drawn: LiveMap | None = None
         self.image = ColumnDataSource(_no_image())
         self.cells = ColumnDataSource(_no_cells())
         self.line = ColumnDataSource({"x": np.zeros(0), "y": np.zeros(0)})
@@ -134,13 +135,15 @@ class MapView:
             text_align="center", text_baseline="middle", background_fill_color="#ffffff",
             background_fill_alpha=0.85, padding=2, border_radius=3,
         )  # fmt: skip
-        self.upright = Span(location=0.0, dimension="height", line_color=ON_MAP, line_width=1.2, line_dash="dashed")
-        self.level = Span(location=0.0, dimension="width", line_color=ON_MAP, line_width=1.2, line_dash="dashed")
+        # What follows the cursor lies on a sheet of its own, so that a move leaves the map's picture as it is.
+        line = {"line_color": ON_MAP, "line_width": 1.2, "line_dash": "dashed", "level": "overlay"}
+        self.upright = Span(location=0.0, dimension="height", **line)
+        self.level = Span(location=0.0, dimension="width", **line)
         for span in (self.upright, self.level):
             drawn.add_layout(span)
         drawn.scatter(
             "x", "y", source=self.at, size=15, marker="circle_cross", fill_color="#ffffff", fill_alpha=0.75,
-            line_color=ON_MAP, line_width=2.0,
+            line_color=ON_MAP, line_width=2.0, level="overlay",
         )  # fmt: skip
         drawn.add_tools(_hover(below))
         bars = []
@@ -171,7 +174,13 @@ class MapView:
         if view.map is None:
             self.clear(view.failure or view.map_reason or "there is no map")
             return
-        shown = even_map(view.map)
+        if view.map is not self._drawn:
+            self._paint(view.map)
+        self._tell(view, view.map)
+
+    def _paint(self, found: LiveMap) -> None:
+        """Everything that does not follow the operating point."""
+        shown = even_map(found)
         x, y = KILOMETRES_PER_HOUR * shown.speed, PER_CENT * shown.depth
         (left, right), (low, high) = outer_edges(x), outer_edges(y)
         self.image.data = {
@@ -185,9 +194,9 @@ class MapView:
         self.cells.data = _cells(x, y, shown.state)
         across, up = boundary_line(x, y, shown)
         self.line.data = {"x": across, "y": up}
-        self.names.data, self.leaders.data = _names(view.map, (left, right), (max(low, 0.0), high), shown.state)
+        self.names.data, self.leaders.data = _names(found, (left, right), (max(low, 0.0), high), shown.state)
         self._appear(True)
-        self._tell(view, view.map)
+        self._drawn = found
 
     def _limits(self, signed: np.ndarray[Any, Any]) -> None:
         known = signed[np.isfinite(signed)]
@@ -219,6 +228,7 @@ class MapView:
 
     def clear(self, reason: str) -> None:
         """Nothing to show, and why."""
+        self._drawn = None
         self.image.data, self.cells.data = _no_image(), _no_cells()
         self.line.data = {"x": np.zeros(0), "y": np.zeros(0)}
         self.names.data, self.leaders.data = _no_names(), {"x": [], "y": []}

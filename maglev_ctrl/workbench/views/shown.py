@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -31,6 +32,7 @@ class ShownMode:
     colour: int
 
 
+@lru_cache(maxsize=4)
 def shown_modes(view: LiveView) -> tuple[ShownMode, ...]:
     """The modes worth showing, by rising frequency: those of slow or lightly damped tracks, and all that grow."""
     if view.modes is None:

@@ -1,0 +1,43 @@
+"""One message for all that changed together: a view is some thirty changes, a hundred parts in Bokeh's own way."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable
+from typing import Any
+
+from bokeh.core.serialization import Serializer
+from bokeh.document.events import DocumentPatchedEvent
+from bokeh.protocol.messages.patch_doc import patch_doc
+from bokeh.server.connection import ServerConnection
+
+
+class OneMessage(ServerConnection):  # type: ignore[misc]
+    """A connection that sends the changes of one callback together, their numbers inside the text."""
+
+    _waiting: list[DocumentPatchedEvent] | None = None
+
+    def send_patch_document(self, event: DocumentPatchedEvent) -> Awaitable[None]:
+        """Note a change; the first one of a callback sends all that were noted by the time its turn comes."""
+        if self._waiting is not None:
+            self._waiting.append(event)
+            return _gone_already()
+        self._waiting = [event]
+        return self._send()
+
+    async def _send(self) -> None:
+        events, self._waiting = self._waiting or [], None
+        await self._socket.send_message(together(events))
+
+
+async def _gone_already() -> None:
+    """Nothing left to send."""
+
+
+def together(events: list[DocumentPatchedEvent]) -> Any:
+    """A message with all changes of one document in their order; arrays as text, because every binary part of a
+    message is two more frames on the way."""
+    models = events[0].document.models
+    serializer = Serializer(references=models.synced_references, deferred=False)
+    message = patch_doc(patch_doc.create_header(), {}, {"events": serializer.encode(events)})
+    models.flush_synced(lambda model: not serializer.has_ref(model))
+    return message
