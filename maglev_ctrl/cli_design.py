@@ -12,6 +12,7 @@ from maglev_ctrl.cli_output import answer, say, say_quietly, say_written
 from maglev_ctrl.cli_terminal import (
     NOT_PASSED,
     PASSED,
+    VERDICT_STYLES,
     Jobs,
     Options,
     OutFolder,
@@ -23,8 +24,6 @@ from maglev_ctrl.cli_terminal import (
 
 if TYPE_CHECKING:
     from maglev_ctrl.study.design.records import DesignStudy
-
-STYLES = {"PASS": "green", "FAIL": "red", "NOT EVALUATED": "yellow"}
 
 
 class Target(StrEnum):
@@ -217,5 +216,5 @@ def _print(study: DesignStudy) -> None:
         gain, phase, _ = smallest_margins(option.margins)
         if gain < THIN_GAIN or phase < THIN_PHASE:
             said.append(f"but margins are thin: {gain:.3g} dB, {phase:.3g} deg")
-        table.add_row(name, f"[{STYLES[verdict]}]{verdict}[/]", escape("\n".join(said)))
+        table.add_row(name, f"[{VERDICT_STYLES[verdict]}]{verdict}[/]", escape("\n".join(said)))
     screen.print(table)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from maglev_ctrl.cli_output import answer, manner, say_quietly
-from maglev_ctrl.cli_terminal import NOT_PASSED, PASSED, console
+from maglev_ctrl.cli_terminal import NOT_PASSED, PASSED, VERDICT_STYLES, console
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 Report = Annotated[Path, typer.Argument(metavar="REPORT", help="Folder with report.json, or that file.",
                                         show_default=False)]  # fmt: skip
 
-_STYLES = {"PASS": "green", "FAIL": "red", "NOT EVALUATED": "yellow", "": "dim"}
 _WAYS = {"worse": "red", "better": "green", "": "default"}
 _SIGNS = {"exact": "", "lower": "≥ ", "upper": "≤ "}
 _SCENARIO = {
@@ -180,8 +179,8 @@ def _words(before: Verdict | None, after: Verdict | None) -> str:
     """One verdict, or two with an arrow, in their colours."""
     old, new = ("" if one is None else one.value for one in (before, after))
     if old == new:
-        return f"[{_STYLES[new]}]{new}[/]"
-    return f"[{_STYLES[old]}]{old or 'not asked'}[/] → [{_STYLES[new]}]{new or 'gone'}[/]"
+        return f"[{VERDICT_STYLES[new]}]{new}[/]"
+    return f"[{VERDICT_STYLES[old]}]{old or 'not asked'}[/] → [{VERDICT_STYLES[new]}]{new or 'gone'}[/]"
 
 
 def _cells(change: NumberChange) -> tuple[str, str, str]:

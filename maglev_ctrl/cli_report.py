@@ -12,6 +12,7 @@ from maglev_ctrl.cli_output import answer, manner, say_quietly, say_written
 from maglev_ctrl.cli_terminal import (
     NOT_PASSED,
     PASSED,
+    VERDICT_STYLES,
     Jobs,
     OutFolder,
     ScenarioFile,
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
 _FORMATS = ("html", "pdf", "json", "md")
 _PLACED = ("gap_used", "stroke_used", "contact_probability", "force_used", "weighted_acceleration")
 """Quantities of which one magnet, stroke, actuator or passenger decides: it is named with the value."""
-_STYLES = {"PASS": "green", "FAIL": "red", "NOT EVALUATED": "yellow"}
 
 
 def report(
@@ -178,7 +178,7 @@ def _print_verdicts(screen: Console, comparison: Comparison) -> None:
     for option in comparison.options:
         verdict = option.verdict.value
         table.add_row(
-            escape(option.label), option.kind, f"[{_STYLES[verdict]}]{verdict}[/]", escape(_why(option))
+            escape(option.label), option.kind, f"[{VERDICT_STYLES[verdict]}]{verdict}[/]", escape(_why(option))
         )  # fmt: skip
     screen.print(table)
 
@@ -230,7 +230,7 @@ def _cell(result: RequirementResult) -> str:
     verdict = result.verdict.value
     value = "" if verdict == "NOT EVALUATED" else f"{result.value:.4g} {result.unit}".rstrip() + " "
     wish = "" if result.hard else " (a wish)"
-    return f"{escape(value)}[{_STYLES[verdict]}]{verdict}[/]{wish}"
+    return f"{escape(value)}[{VERDICT_STYLES[verdict]}]{verdict}[/]{wish}"
 
 
 def _exit_code(comparison: Comparison) -> int:

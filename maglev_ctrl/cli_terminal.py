@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 PASSED, NOT_PASSED, BAD_INPUT, INTERRUPTED, READER_GONE = 0, 1, 2, 130, 141
 UNDONE = "interrupted; nothing was written"
+VERDICT_STYLES: Final = {"PASS": "green", "FAIL": "red", "NOT EVALUATED": "yellow", "": "dim"}
+"""Colours of verdicts in tables, "" where there is none."""
 _SPARSE_SECONDS: Final = 10.0
 _SPARSE_SHARE: Final = 0.1
 

@@ -228,25 +228,30 @@ def test_a_point_that_grows_under_modulation_never_passes() -> None:
     assert verdict_of(passing, None) is Verdict.NOT_EVALUATED
 
 
-def test_a_point_comes_with_the_lines_and_the_map_that_are_known_already(girder_study: LiveStudy) -> None:
-    whole = girder_study.preview({})
-    assert girder_study.knows_sweep({}) and girder_study.knows_sweep({"speed": 1.1 * whole.speed})
-    again = girder_study.point({"speed": 1.1 * whole.speed})
-    assert again.tracks is whole.tracks and again.map is whole.map  # neither follows the speed
+def test_a_point_comes_with_the_lines_and_the_map_that_are_known_already(study):
+    whole = study.preview({})
+    faster = {"speed": 1.05 * whole.speed}
+    assert study.knows_sweep({}) and study.knows_sweep(faster)
+    again = study.point(faster)
+    assert again.speed > whole.speed and again.tracks is whole.tracks and again.map is whole.map  # neither follows it
     payload = next(one for one in whole.values if one.name == "payload")
-    heavier = {"payload": 0.5 * (payload.low + payload.high) + 1.0}
-    assert not girder_study.knows_sweep(heavier)
-    assert girder_study.point(heavier).tracks is None
+    heavier = {"payload": 0.5 * (payload.value + payload.high)}
+    assert not study.knows_sweep(heavier)
+    assert study.point(heavier).tracks is None and study.point(heavier).modes is not None
+    with pytest.raises(ValueError, match="no slider"):
+        study.knows_sweep({"mass": 1.0})
 
 
-def test_a_twin_answers_the_same_and_keeps_its_own_notes(girder_study: LiveStudy) -> None:
-    girder_study.preview({})
-    twin = girder_study.twin()
+def test_a_twin_answers_the_same_and_keeps_its_own_notes(study):
+    study.preview({})
+    twin = study.twin()
     assert twin.knows_sweep({})  # it need not be computed again
-    values = {"height": 1.02 * girder_study.point({}).height}
-    mine, its = girder_study.preview(values), twin.preview(values)
-    assert mine.modes is not None and its.modes is not None and mine.modes is not its.modes
+    law = next(one for one in study.quantities() if one.group == "law")
+    values = {law.name: 0.5 * (law.value + law.high)}
+    mine, its = study.preview(values), twin.preview(values)
+    assert mine.modes is not its.modes
     np.testing.assert_array_equal(mine.modes.s, its.modes.s)
-    fresh = {"payload": 0.97 * next(one.value for one in its.values if one.name == "payload")}
+    np.testing.assert_array_equal(mine.map.growth, its.map.growth)
+    fresh = {law.name: 0.5 * (law.value + law.low)}
     twin.preview(fresh)
-    assert twin.knows_sweep(fresh) and not girder_study.knows_sweep(fresh)
+    assert twin.knows_sweep(fresh) and not study.knows_sweep(fresh)

@@ -5,11 +5,14 @@ from __future__ import annotations
 import queue
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from maglev_ctrl.errors import Verdict
+from maglev_ctrl.study.live.records import LiveView
 from maglev_ctrl.workbench.live_thread import Compared, LiveThread, Refused, Shelf, Shown, Told, Written
 from maglev_ctrl.workbench.slow_process import SlowAnswer, SlowOrder
 from maglev_ctrl.workbench.slow_work import SlowWork
@@ -105,6 +108,39 @@ def test_the_page_hears_the_fast_view_first_and_then_all_that_is_slow(tmp_path: 
     while not shelf.idle and time.monotonic() < until:
         time.sleep(0.01)
     shelf.idle[0].close()
+
+
+def test_the_operating_point_comes_first_and_lines_and_map_follow(tmp_path: Path) -> None:
+    told: queue.SimpleQueue[Told] = queue.SimpleQueue()
+    sources = find_sources(SCENARIO, shipped=None, here=tmp_path, empty_folder=tmp_path)
+    live = LiveThread(sources, Shelf(), told.put)
+    first = sources.first
+    assert first is not None
+    state = PageState(first.key, "girder_passing", sources.text(first.key), "windings", ())
+
+    def shown(state: PageState, count: int) -> list[LiveView]:
+        live.show(state)
+        views: list[LiveView] = []
+        while len(views) < count:
+            one = told.get(timeout=PATIENCE)
+            if isinstance(one, Shown) and not one.view.settled and one.state == state:
+                views.append(one.view)
+                one.sent.set()
+        return views
+
+    (before,) = shown(state, 1)
+    assert not before.following  # there is nothing it could be shown with
+    (faster,) = shown(replace(state, values=(("speed", 0.9 * before.speed),)), 1)
+    assert not faster.following and faster.map is before.map  # the map does not follow the speed
+    point, whole = shown(replace(state, values=(("payload", 4_500.0),)), 2)
+    assert point.following and not whole.following
+    assert point.map is before.map and point.tracks is before.tracks  # still of the values before, and said so
+    assert point.modes is not None and whole.modes is not None and before.modes is not None
+    np.testing.assert_allclose(point.modes.s, whole.modes.s, rtol=1e-12)
+    assert np.max(np.abs(point.modes.s - before.modes.s)) > 1e-3
+    assert whole.map is not None and before.map is not None
+    assert np.max(np.abs(whole.map.growth - before.map.growth)) > 1e-3
+    live.close()
 
 
 def drained(told: queue.SimpleQueue[Told]) -> list[Told]:
