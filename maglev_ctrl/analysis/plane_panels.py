@@ -225,6 +225,8 @@ class _Source:
         probes = self._columns(np.array([self._x.lower, self._x.upper]), self._y.points(33)).monodromy
         coefficients = self._y.coefficients(np.ascontiguousarray(np.moveaxis(probes, 1, 0)))
         norms = np.sqrt(np.sum(coefficients.reshape(33, -1) ** 2, axis=1))
+        if not np.all(np.isfinite(norms)):
+            raise _NoSeries
         above = np.nonzero(norms > 0.1 * _TOLERANCE * np.max(norms))[0]
         return count_x, int(above[-1]) + 3
 

@@ -34,6 +34,8 @@ SIZE_LIMIT = 2**20
 LINE_LIMIT = 20_000
 DEPTH_LIMIT = 12
 _AT = re.compile(r"\s*\(at line (\d+), column (\d+)\)")
+# C0 without tab and line ends, C1, and what turns the direction of reading around
+_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 
 
 def load(path: str | Path) -> Scenario:
@@ -246,7 +248,25 @@ def _parse(text: str, *, shown: str) -> dict[str, Any]:
         raise ScenarioProblems(shown, [Problem(0, 0, "", f"{_nothing_in(text)}{_start()}")])
     if _depth_exceeds(data, DEPTH_LIMIT):
         raise ScenarioProblems(shown, [_too_deep()])
+    unseen = [Fault(path, f"expected text without control signs, got {sign}") for path, sign in _control_signs(data)]
+    if unseen:
+        raise _placed(shown, text, unseen)
     return data
+
+
+def _control_signs(value: object, path: KeyPath = ()) -> Iterator[tuple[KeyPath, str]]:
+    """Texts with signs that move a terminal's cursor or turn the direction of reading around, and the first of them."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _control_signs(key, path)
+            yield from _control_signs(inner, (*path, key))
+    elif isinstance(value, list):
+        for place, inner in enumerate(value):
+            yield from _control_signs(inner, (*path, place))
+    elif isinstance(value, str):
+        found = _CONTROL.search(value)
+        if found is not None:
+            yield path, f"U+{ord(found[0]):04X}"
 
 
 def _nothing_in(text: str) -> str:

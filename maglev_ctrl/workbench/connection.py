@@ -16,6 +16,11 @@ class OneMessage(ServerConnection):  # type: ignore[misc]
 
     _waiting: list[DocumentPatchedEvent] | None = None
 
+    @property
+    def session(self) -> Any:
+        """The page's session; a page that has gone may still have something to say, and says it to nobody."""
+        return _NOBODY if self._session is None else self._session
+
     def send_patch_document(self, event: DocumentPatchedEvent) -> Awaitable[None]:
         """Note a change; the first one of a callback sends all that were noted by the time its turn comes."""
         if self._waiting is not None:
@@ -27,6 +32,16 @@ class OneMessage(ServerConnection):  # type: ignore[misc]
     async def _send(self) -> None:
         events, self._waiting = self._waiting or [], None
         await self._socket.send_message(together(events))
+
+
+class _Nobody:
+    """Hears what a page said before it went."""
+
+    async def _handle_patch(self, message: Any, connection: ServerConnection) -> Any:
+        return connection.ok(message)
+
+
+_NOBODY = _Nobody()
 
 
 async def _gone_already() -> None:

@@ -159,7 +159,10 @@ def _tinted(figure: Plot) -> list[tuple[Any, dict[str, str]]]:
         role = next((role for tag, role in _TAGS.items() if tag in model.tags), None)
         if role is not None:
             found.append((model, dict.fromkeys(_own_colours(model), role)))
-    return found
+    return [
+        (model, {name: role for name, role in roles.items() if getattr(model, name) is not None})
+        for model, roles in found
+    ]  # what is not drawn in one theme is not drawn in the other
 
 
 def _parts(figure: Plot, kind: type[Any]) -> list[Any]:

@@ -75,7 +75,9 @@ def _away(view: LiveView, scenario: Scenario) -> str:
     if not moved:
         return ""
     there, here = (", ".join(pair[side] for pair in moved) for side in (0, 1))
-    return f"The law was designed at {there}; you look at {here}."
+    option = next((one for one in scenario.options if one.name == view.option), None)
+    designed = "The law was designed" if option is not None and option.control is not None else "The design point is"
+    return f"{designed} at {there}; you look at {here}."
 
 
 def problems_event(problems: Iterable[Problem], count: int) -> Event:

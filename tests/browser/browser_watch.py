@@ -77,7 +77,7 @@ class Watch:
             reduced_motion="reduce" if still else "no-preference", accept_downloads=True,
             java_script_enabled=scripts,
         )  # fmt: skip
-        context.set_default_timeout(15_000)
+        context.set_default_timeout(45_000)
         context.on("request", lambda request: self.requests.append(f"{request.method} {request.url}"))
         context.on("console", self._heard)
         context.on("weberror", lambda error: self.complaints.append(f"page error: {error.error}"))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from browser_watch import Watch, findings, gone, picture
 from page_server import HOSTILE, PATIENCE, SMALL, Bench, Server
+from playwright.sync_api import expect
 
 from maglev_ctrl.scenario import load
 
@@ -156,9 +157,9 @@ def test_names_with_scripts_are_shown_as_text(watch: Watch, server: Server) -> N
     bench = Bench.open(watch, server.address)
     count = bench.shown
     bench.upload("<img src=x onerror=hacked>.toml", hostile_text().encode())
+    expect(bench.at("title")).to_have_text(HOSTILE, timeout=PATIENCE)
     bench.after(count)
-    bench.page.wait_for_function("Number(document.documentElement.dataset.compared) > 0", timeout=PATIENCE)
-    assert bench.at("title").inner_text() == HOSTILE
+    expect(bench.page.locator("#host-comparison")).to_contain_text(HOSTILE, timeout=PATIENCE)
     assert HOSTILE in bench.page.title()
     assert HOSTILE in bench.at("option").inner_text()
     assert gone(bench.page, "window.hacked")

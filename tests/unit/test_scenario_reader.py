@@ -10,6 +10,7 @@ import pytest
 
 from maglev_ctrl.errors import ScenarioError
 from maglev_ctrl.scenario import ScenarioProblems, load
+from maglev_ctrl.scenario.reader import load_text
 from maglev_ctrl.scenario.starter import starter_text
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -256,3 +257,22 @@ def test_requirements_know_their_limit(write: Write) -> None:
     assert (requirements["stable"].sense, requirements["stable"].limit) == ("at_most", 0.0)
     assert (requirements["gain_margin"].limit, requirements["gain_margin"].unit) == (6.0, "dB")
     assert requirements["damping"].over == "speed"
+
+
+@pytest.mark.parametrize("sign", ["\\u202e", "\\u001b[2J", "\\u0000", "\u2066"])
+def test_signs_that_steer_a_terminal_or_turn_words_around_are_refused_with_their_place(sign: str) -> None:
+    text = Path("scenarios/paper/heave_surge.toml").read_text(encoding="utf-8")
+    title = next(line for line in text.splitlines() if line.startswith("title"))
+    with pytest.raises(ScenarioProblems) as found:
+        load_text(text.replace(title, f'title = "Safe {sign}vehicle"'), "mine.toml")
+    (problem,) = found.value.problems
+    assert problem.line == text.splitlines().index(title) + 1 and problem.key == "title"
+    assert problem.message.startswith("expected text without control signs, got U+")
+    assert not any(ord(letter) < 32 or "\u202a" <= letter <= "\u2069" for letter in str(found.value))
+
+
+def test_letters_of_every_language_and_line_ends_stay() -> None:
+    text = Path("scenarios/paper/heave_surge.toml").read_text(encoding="utf-8")
+    title = next(line for line in text.splitlines() if line.startswith("title"))
+    made = load_text(text.replace(title, 'title = "磁浮 Zug Ω, שלום"'), "scenarios/paper/mine.toml")
+    assert made.title == "磁浮 Zug Ω, שלום"

@@ -53,7 +53,8 @@ def _row(
     disk = np.nan
     if view.margins is not None:
         disk = min([one.disk.alpha for one in view.margins.channels] + [view.margins.multi_loop.alpha])
+    why = view.margins_reason or (view.verdict_words if view.verdict is Verdict.NOT_EVALUATED else "")
     return (
         found.spectral_abscissa, least_damping(found), view.floquet.growth_rate if view.floquet else np.nan, disk,
-        view.verdict, view.margins_reason,
+        view.verdict, why,
     )  # fmt: skip

@@ -44,8 +44,10 @@ const Controls = (() => {
   }
 
   const read = (q, text) => {
-    const plain = text.trim().replace(MINUS, "-").replace(",", ".")
-    const number = plain === "" ? NaN : Number(plain)
+    const typed = text.trim()
+    const bare = q.unit && typed.endsWith(q.unit) ? typed.slice(0, -q.unit.length).trim() : typed
+    const plain = bare.replace(MINUS, "-").replace(",", ".")
+    const number = /^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i.test(plain) ? Number(plain) : NaN
     const unit = q.unit ? ` ${q.unit}` : ""
     if (!Number.isFinite(number)) return {fault: `Expected a number${q.unit ? ` in ${q.unit}` : ""}, got “${text.trim().slice(0, 30)}”.`}
     const value = number / q.scale

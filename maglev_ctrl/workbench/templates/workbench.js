@@ -76,6 +76,19 @@
     if (other) cursor.data = next
   }
 
+  // A tap on the map, or a drag, moves the sliders: one gesture, one step of undo.
+  let points = 0
+  const pointed = (event) => {
+    if (event.detail.begins) points += 1
+    for (const name of ["speed", "depth"]) {
+      const q = Controls.quantity(name)
+      if (!q) continue
+      const value = Number(Math.min(q.high, Math.max(q.low, event.detail[name])).toPrecision(6))
+      if (value !== (values[name] ?? q.value)) moved(name, value, `map-${points}`)
+    }
+    Controls.show(values)
+  }
+
   const tell = {
     hello(event) { key = event.key; limit = Editor.limit = event.limit },
     sources(event) {
@@ -139,6 +152,7 @@
     busy(event) {
       busyWords = event.words
       at("verdict").classList.toggle("busy", !!event.words)
+      document.querySelector(".views").classList.toggle("following", !!event.words)
       if (event.words) { at("verdict-words").textContent = event.words; state("busy") }
     },
     view(event) {
@@ -149,6 +163,7 @@
       at("design-words").textContent = event.away
       for (const part of document.querySelectorAll(".view")) part.classList.toggle("unsettled", !event.settled)
       at("view-map").classList.toggle("following", event.following)
+      if (!event.settled) at("view-comparison").classList.add("following")
       const began = underway?.time
       if (!event.settled) underway = null
       const server = `${Math.round(1000 * event.seconds)} ms`
@@ -162,7 +177,7 @@
       }))
       flush()
     },
-    compared() { if (!root.dataset.compared) dress(); root.dataset.compared = Number(root.dataset.compared || 0) + 1 },
+    compared() { at("view-comparison").classList.remove("following"); if (!root.dataset.compared) dress(); root.dataset.compared = Number(root.dataset.compared || 0) + 1 },
     written(event) { textShown = event.text; Editor.show(event.text, false) },
     refused(event) {
       underway = null
@@ -293,12 +308,16 @@
         at(pressed === "y" || event.shiftKey ? "redo" : "undo").click()
       }
     })
+    document.addEventListener("maglev-ctrl-point", pointed)
     addEventListener("hashchange", () => location.reload())
     document.addEventListener("click", (event) => {
       const link = event.target.closest?.(".downloads a, #download-scenario")
       if (!link) return
       event.preventDefault()
       download(link)
+      if (link.id === "download-scenario" && !at("design").hidden) {
+        message("The downloaded file has its design point where you look now, and its control law is designed there anew.")
+      }
     })
   }
 

@@ -31,7 +31,7 @@ QUANTITIES: Final = (
     ("growth", "growth", "1/s", 1.0, False),
     ("least_damping", "least damping", "%", 100.0, True),
     ("disk_margin", "disk margin", "", 1.0, True),
-    ("periodic_growth", "growth with modulation", "1/s", 1.0, False),
+    ("periodic_growth", "growth, modulated", "1/s", 1.0, False),
 )
 WIDTH, NAMED_WIDTH = 150, 370  # px at least, of a panel and of the one with the names
 _NAME: Final = """
@@ -57,7 +57,9 @@ class ComparisonView:
     def __init__(self) -> None:
         self.summary = ""
         self.options = ColumnDataSource(_no_options())
-        self.words = words_block("comparison-words")
+        self.words = words_block(
+            "comparison-words", '<p class="quiet">The options are compared when the checks are done ...</p>'
+        )
         self.words.stylesheets[0].css = TABLE_STYLE
         self._names = Range1d(-1.5, 0.5)
         self._ticker = FixedTicker(ticks=[0])

@@ -40,6 +40,7 @@ class Cursor:
     def __init__(self, speed: float = 0.0, depth: float = 0.0, mode: int = 0) -> None:
         self.source = ColumnDataSource({"speed": [speed], "depth": [depth], "mode": [mode]}, name="cursor")
         self._labels: tuple[str, ...] = ()
+        self._default = mode  # that was put there last; another one was picked
 
     @property
     def speed(self) -> float:
@@ -74,12 +75,17 @@ class Cursor:
             self.source.data = {name: [value] for name, value in then.items()}
 
     def keep(self, labels: tuple[str, ...], default: int) -> None:
-        """The modes that can be picked are now these: stay with the picked name, or go to the default one."""
-        if labels == self._labels:
-            return
-        picked = self._labels[self.mode] if 0 <= self.mode < len(self._labels) else None
+        """The modes that can be picked are now these: stay with the name that somebody picked; without one, or when it
+        is not there any more, go to the default one."""
+        chosen = self.mode != self._default and 0 <= self.mode < len(self._labels)
+        picked = self._labels[self.mode] if chosen else None
         self._labels = labels
-        self.move(mode=labels.index(picked) if picked in labels else default)
+        if picked in labels:
+            self.move(mode=labels.index(picked))
+            self._default = -1
+        else:
+            self.move(mode=default)
+            self._default = default
 
     def on_change(self, callback: Callable[[], None]) -> None:
         """Call back after every change, wherever it was made."""

@@ -53,6 +53,8 @@ _LEGEND: Final = (
 )  # fmt: skip
 _BETWEEN: Final = 45  # ms between the moves of a drag that the server hears of
 
+POINTED: Final = "maglev-ctrl-point"
+"""Name of the event in the browser that tells speed and depth of a tap or a drag, and whether that begins."""
 _POINT: Final = f"""
 {MOVE}
 const now = performance.now()
@@ -61,8 +63,11 @@ cursor.moved_at = now
 const inside = (value, range) => Math.min(Math.max(value, Math.min(range.start, range.end)),
                                           Math.max(range.start, range.end))
 if (cb_obj.x === null || cb_obj.y === null || !image.data.growth?.length) return
-place({{speed: inside(cb_obj.x, x_range) / {KILOMETRES_PER_HOUR}, depth: Math.max(0, inside(cb_obj.y, y_range)) /
-       {PER_CENT}}})
+const point = {{speed: inside(cb_obj.x, x_range) / {KILOMETRES_PER_HOUR},
+               depth: Math.max(0, inside(cb_obj.y, y_range)) / {PER_CENT}}}
+place(point)
+document.dispatchEvent(new CustomEvent("{POINTED}", {{detail: {{...point, begins: cb_obj.event_name !== "pan"
+  && cb_obj.event_name !== "panend"}}}}))
 """
 _FOLLOW: Final = f"""
 upright.location = Number(cursor.data.speed[0]) * {KILOMETRES_PER_HOUR}
