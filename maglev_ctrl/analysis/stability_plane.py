@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextvars import copy_context
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -75,6 +76,7 @@ class NothingKept:
         """Forget."""
 
 
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # growth beyond all numbers: judged UNRESOLVED, not said
 def stability_plane(
     family: PeriodicFamily, x: MapAxis, y: MapAxis, *, coverage: Coverage = "auto", threads: int = 1,
     backend: Backend = "numpy", states: tuple[str, ...] = (), labels: tuple[str, ...] | None = None, checks: int = 24,
@@ -195,7 +197,7 @@ class _Canvas:
                     elif threads <= 1 or job.panel.series is None:
                         self._finish(job, self._computed(job))
                     else:
-                        running[pool.submit(self._computed, job)] = job
+                        running[pool.submit(copy_context().run, self._computed, job)] = job
                     while len(running) >= 2 * threads:
                         self._collect(running)
                     self.progress("stability map", self.done / total)

@@ -114,4 +114,7 @@ class Arrangement:
         shown = self._comparison if which == "comparison" else self._view
         if shown is None:
             raise ValueError("nothing is shown there yet")
-        return figure_files(shown, cast("Which", which), cast("FileKind", kind))  # the server's patterns know no others
+        mode = max(self._cursor.mode, 0)
+        return figure_files(
+            shown, cast("Which", which), cast("FileKind", kind), mode=mode
+        )  # the server's patterns know no others

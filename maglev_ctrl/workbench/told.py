@@ -69,6 +69,8 @@ def _away(view: LiveView, scenario: Scenario) -> str:
     moved = []
     for one in view.values:
         own = getattr(scenario.operating, _DESIGN[one.name], None) if one.name in _DESIGN else None
+        if one.name == "payload" and scenario.operating.hold == "strength":  # the magnets are designed for it
+            own = getattr(getattr(scenario.vehicle, "car", None), "payload", None)
         if own is not None and not math.isclose(own, one.value, rel_tol=1e-6):
             name = "" if one.name == "speed" else f"{one.label} "
             moved.append((f"{name}{own * one.scale:.4g} {one.unit}", f"{name}{one.value * one.scale:.4g} {one.unit}"))

@@ -74,6 +74,8 @@ def test_every_view_downloads(watch: Watch, server: Server, tmp_path: Path) -> N
         index=next(k for k, words in enumerate(modes) if " Hz, " in words)  # the others have no ledger to download
     )
     bench.page.wait_for_timeout(500)
+    label = bench.page.locator("#host-eigenvalues select option:checked").inner_text().partition(":")[0]
+    assert label.encode() in bench.downloaded("ledger", "csv")
     offered = kinds(bench)
     assert {view for view, _ in offered} == {"eigenvalues", "map", "ledger", "shape", "margins", "comparison"}
     for view, kind in offered:

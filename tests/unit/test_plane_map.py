@@ -349,3 +349,19 @@ def test_a_disagreement_of_hill_is_appealed_to_both_engines(monkeypatch: pytest.
         plane_module, "floquet", lambda system: replace(real(system), exponents=real(system).exponents + 1e-3)
     )
     assert stability_plane(family, x, y).share(UNRESOLVED) == 1.0
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("coverage", ["every", "adaptive"])
+def test_growth_beyond_the_range_of_numbers_is_never_called_stable(coverage: Coverage) -> None:
+    """e^949 per period: no number holds the multiplier."""
+
+    def fierce(W: float, depth: float) -> PeriodicSystem:
+        A = np.array([[0.0, 1.0], [9.0e5, 0.0]])
+        return PeriodicSystem.from_matrices(A, depth * np.array([[[0.0, 0.0], [-1.0, 0.0]]]), frequency=2.0 * np.pi * W)
+
+    speed = MapAxis("speed", np.linspace(1.0, 2.0, 24), reciprocal=True)
+    found = stability_plane(fierce, speed, DEPTH, coverage=coverage, threads=2)
+    assert set(np.unique(found.state)) <= {UNSTABLE, UNRESOLVED, NO_ANSWER}
+    known = np.isfinite(found.growth)
+    assert np.any(known) and np.min(found.growth[known]) > 900.0

@@ -18,7 +18,7 @@ from maglev_ctrl.study.situation import Situation
 from maglev_ctrl.systems import PeriodicSystem, at_depth
 
 MERGED = "Delay and bandwidth of every actuator are merged into one lag on the map."
-UNCHECKED = "Not checked yet by the second engine."
+UNCHECKED = "Not checked yet by the second engine; growth far from zero is interpolated between rows of depth."
 NOT_SMOOTH = "The loop is no smooth function of the speed: it is assembled at every speed, which takes longer."
 
 

@@ -316,7 +316,7 @@
       event.preventDefault()
       download(link)
       if (link.id === "download-scenario" && !at("design").hidden) {
-        message("The downloaded file has its design point where you look now, and its control law is designed there anew.")
+        message("The downloaded file has its design point where you look now: magnets and control law are designed there anew.")
       }
     })
   }
