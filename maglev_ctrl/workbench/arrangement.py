@@ -8,7 +8,7 @@ from bokeh.core.properties import String
 from bokeh.model import DataModel
 
 from maglev_ctrl.workbench.style import dress, theme_switch
-from maglev_ctrl.workbench.views.comparison import ComparisonView
+from maglev_ctrl.workbench.views.comparison import WAITING, ComparisonView
 from maglev_ctrl.workbench.views.cursor import Cursor
 from maglev_ctrl.workbench.views.eigenvalues import EigenvalueView
 from maglev_ctrl.workbench.views.ledger import LedgerView
@@ -91,6 +91,12 @@ class Arrangement:
         finally:
             self._document.unhold()
 
+    def forget_comparison(self) -> None:
+        """Another scenario has other options."""
+        if self._comparison is not None:
+            self._comparison = None
+            self._compared.clear(WAITING)
+
     def clear(self, reason: str) -> None:
         """Nothing to show, and why."""
         self._view = self._comparison = None
@@ -114,7 +120,5 @@ class Arrangement:
         shown = self._comparison if which == "comparison" else self._view
         if shown is None:
             raise ValueError("nothing is shown there yet")
-        mode = max(self._cursor.mode, 0)
-        return figure_files(
-            shown, cast("Which", which), cast("FileKind", kind), mode=mode
-        )  # the server's patterns know no others
+        named = cast("Which", which), cast("FileKind", kind)  # the server's patterns know no others
+        return figure_files(shown, *named, mode=max(self._cursor.mode, 0))

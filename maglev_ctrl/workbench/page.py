@@ -237,9 +237,12 @@ class Page:
     def _tell(self, told: Told) -> None:
         match told:
             case Opened():
+                fresh = self._scenario is None or self._scenario.hash != told.scenario.hash
+                if fresh:
+                    self.arrangement.forget_comparison()
                 self._scenario = told.scenario
                 self._sliders = frozenset(one.name for one in told.quantities)
-                self._say(opened_event(told.scenario, told.option, told.quantities))
+                self._say({**opened_event(told.scenario, told.option, told.quantities), "fresh": fresh})
                 if told.words:
                     self._say({"kind": "message", "words": told.words})
             case Busy():

@@ -147,9 +147,9 @@ def hostile_text() -> str:
     words = HOSTILE.replace('"', "'")
     scenario = load(SMALL)
     text = TEXT.replace(scenario.title, words)
-    for option in scenario.options:
+    for place, option in enumerate(scenario.options):
         if option.label:
-            text = text.replace(f'label = "{option.label}"', f'label = "{words} {option.name}"')
+            text = text.replace(f'label = "{option.label}"', f'label = "{words} {place}"')
     return text
 
 

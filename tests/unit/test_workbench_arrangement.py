@@ -51,7 +51,7 @@ def test_a_view_that_is_followed_leaves_the_map_and_the_downloads_as_they_are(ar
 def test_the_comparison_is_dressed_with_the_others_when_it_comes(arranged: Arrangement) -> None:
     before = len(arranged._switch.args["models"])
     arranged.compare(live_comparison())
-    own = [figure for figure in arranged._compared.figures]
+    own = arranged._compared.figures
     assert own and all(figure in arranged._switch.args["models"] for figure in own)
     assert len(arranged._switch.args["models"]) > before
 

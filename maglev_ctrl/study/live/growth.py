@@ -265,9 +265,11 @@ class _Pixels:
         logarithm = _log_radius(matrices).reshape(len(i), len(j))
         period = panel.period[i, None]
         lowest = np.log(max(panel.error, 1e-300))
-        relative = np.minimum(
-            _CONDITION * panel.error * np.exp(-np.maximum(logarithm, lowest)) + np.log(_CONDITION) / 2.0**SQUARINGS, 1.0
+        relative = _CONDITION * panel.error * np.exp(-np.maximum(logarithm, lowest)) + (
+            np.log(_CONDITION) / 2.0**SQUARINGS
         )
+        if lowest < -1.0:  # what is too small to be seen is stable; beside fierce growth it could be anything
+            relative = np.minimum(relative, 1.0)
         growth = np.maximum(logarithm, lowest) / period
         growth[~np.isfinite(logarithm)] = np.nan
         error = relative / period

@@ -23,6 +23,7 @@ from maglev_ctrl.study.situation import Situation
 
 CHECKS = 24
 IN_THE_REPORT = "computed in the report"
+LATER = "it is judged in the report"
 HERE = "operating point"
 NO_LOOPS = "the option adds no element and no loop: there is nothing to break"
 _AT_THE_POINT = (
@@ -73,11 +74,14 @@ def judged(scenario: Scenario, check: SweepCheck, margins: MarginPoint) -> tuple
 
 
 def _judged(requirement: RequirementRecord, evidence: Evidence) -> RequirementResult:
-    """A requirement over a sweep is judged at this one point, and says so."""
+    """A requirement over a sweep can be missed at this one point, but not met: that takes the sweep."""
     if requirement.quantity not in _AT_THE_POINT:
         return not_evaluated(requirement, IN_THE_REPORT)
     found = judge(requirement.model_copy(update={"over": "nominal"}), evidence)
-    return replace(found, description=f"{DESCRIPTIONS[requirement.quantity]}, at the {HERE}")
+    found = replace(found, description=f"{DESCRIPTIONS[requirement.quantity]}, at the {HERE}")
+    if requirement.over == "nominal" or found.verdict is not Verdict.PASS:
+        return found
+    return replace(found, verdict=Verdict.NOT_EVALUATED, reason=f"met at this point; over {requirement.over} {LATER}")
 
 
 def stable_at(check: SweepCheck, multipliers: Floquet | None, *, periodic: bool) -> bool | None:
@@ -127,7 +131,7 @@ def verdict_words(
     else:
         head = "Stable"
     failed = [one.name.replace("_", " ") for one in requirements if one.verdict is Verdict.FAIL]
-    later = sum(one.verdict is Verdict.NOT_EVALUATED and one.reason == IN_THE_REPORT for one in requirements)
+    later = sum(one.verdict is Verdict.NOT_EVALUATED and _later(one) for one in requirements)
     unknown = sum(one.verdict is Verdict.NOT_EVALUATED for one in requirements) - later
     parts = [head]
     if failed:
@@ -137,6 +141,10 @@ def verdict_words(
     if later:
         parts.append(f"{_count(later)} {'is' if later == 1 else 'are'} only judged in the report")
     return f"{'; '.join(parts)}."
+
+
+def _later(one: RequirementResult) -> bool:
+    return one.reason == IN_THE_REPORT or one.reason.endswith(LATER)
 
 
 def _count(number: int) -> str:

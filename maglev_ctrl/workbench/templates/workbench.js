@@ -134,6 +134,7 @@
       state("busy")
     },
     opened(event) {
+      if (event.fresh) { delete root.dataset.compared; at("view-comparison").classList.remove("following") }
       at("title").textContent = event.title
       document.title = `${event.title} – maglev-ctrl workbench`
       const select = at("option")
@@ -163,7 +164,7 @@
       at("design-words").textContent = event.away
       for (const part of document.querySelectorAll(".view")) part.classList.toggle("unsettled", !event.settled)
       at("view-map").classList.toggle("following", event.following)
-      if (!event.settled) at("view-comparison").classList.add("following")
+      if (!event.settled && root.dataset.compared) at("view-comparison").classList.add("following")
       const began = underway?.time
       if (!event.settled) underway = null
       const server = `${Math.round(1000 * event.seconds)} ms`
@@ -177,7 +178,8 @@
       }))
       flush()
     },
-    compared() { at("view-comparison").classList.remove("following"); if (!root.dataset.compared) dress(); root.dataset.compared = Number(root.dataset.compared || 0) + 1 },
+    compared() { at("view-comparison").classList.remove("following"); if (!root.dataset.compared) dress()
+      root.dataset.compared = Number(root.dataset.compared || 0) + 1 },
     written(event) { textShown = event.text; Editor.show(event.text, false) },
     refused(event) {
       underway = null

@@ -33,6 +33,7 @@ QUANTITIES: Final = (
     ("disk_margin", "disk margin", "", 1.0, True),
     ("periodic_growth", "growth, modulated", "1/s", 1.0, False),
 )
+WAITING: Final = "The options are compared when the checks are done ..."
 WIDTH, NAMED_WIDTH = 150, 370  # px at least, of a panel and of the one with the names
 _NAME: Final = """
 const place = Math.round(-tick)
@@ -57,9 +58,7 @@ class ComparisonView:
     def __init__(self) -> None:
         self.summary = ""
         self.options = ColumnDataSource(_no_options())
-        self.words = words_block(
-            "comparison-words", '<p class="quiet">The options are compared when the checks are done ...</p>'
-        )
+        self.words = words_block("comparison-words", f'<p class="quiet">{WAITING}</p>')
         self.words.stylesheets[0].css = TABLE_STYLE
         self._names = Range1d(-1.5, 0.5)
         self._ticker = FixedTicker(ticks=[0])
