@@ -71,9 +71,17 @@ def cover_tiles(comparison: Comparison) -> tuple[Tile, ...]:
 
 
 def _judged(option: OptionStudy, *quantities: str) -> RequirementResult | None:
-    """The option's first requirement on one of these quantities, hard ones first."""
+    """The option's requirement on the first of these quantities that has one, hard ones first: of several the one with
+    the worst value, for a key figure is not to look better than the tables."""
     order = sorted(option.requirements, key=lambda r: not r.hard)
-    return next((r for name in quantities for r in order if r.quantity == name), None)
+    for name in quantities:
+        own = [r for r in order if r.quantity == name]
+        alike = [r for r in own if (r.hard, r.sense) == (own[0].hard, own[0].sense) and math.isfinite(r.value)]
+        if alike:
+            return (max if own[0].sense == "at_most" else min)(alike, key=lambda r: r.value)
+        if own:
+            return own[0]
+    return None
 
 
 def _shown(result: RequirementResult | None) -> Verdict | None:

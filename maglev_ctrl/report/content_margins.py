@@ -17,6 +17,8 @@ from maglev_ctrl.report.model import Block, Bullets, Cell, FigureBlock, Paragrap
 from maglev_ctrl.report.style import ABSENT, ALPHA, number
 from maglev_ctrl.study.records import OptionStudy
 
+_ALL = 150.0  # dB; a disk margin of 2 is all of the right half plane, to rounding
+
 
 def option_margin_blocks(option: OptionStudy) -> list[Block]:
     """The margins of an option with its Nyquist curves, or why there are none."""
@@ -94,9 +96,15 @@ def _multi_loop_words(disk: DiskMargin) -> str:
     replayed = "the replay puts a pole on the axis" if disk.verified else "not confirmed by a replay"
     return (
         f"All channels at once: disk margin {ALPHA} between bounds {bounds} ({disk.agreement.value}; {replayed}). "
-        f"Every channel may change at once by any gain between {number(low, 'dB')} and {number(high, 'dB')}, or "
-        f"by {number(disk.phase, 'deg')} of phase."
+        f"Every channel may change at once by {_any_gain(low, high)}, or by {number(disk.phase, 'deg')} of phase."
     )
+
+
+def _any_gain(low: float, high: float) -> str:
+    """A range of gains (dB) in words; a disk as large as it can be leaves nothing out."""
+    if low < -_ALL and high > _ALL:
+        return "any positive gain"
+    return f"any gain between {number(low, 'dB')} and {number(high, 'dB')}"
 
 
 def _unresolved(margins: Margins) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from maglev_ctrl.analysis.disk import DiskMargin
 from maglev_ctrl.analysis.margins import Margins
 from maglev_ctrl.report.charts_margins import disk_value, disk_words
 from maglev_ctrl.report.equations import DISK, DISK_PEAK
-from maglev_ctrl.report.model import Block, Cell, Passage, Reference, Table, cell
+from maglev_ctrl.report.model import Block, Cell, Paragraph, Passage, Reference, Table, cell
 from maglev_ctrl.report.style import ABSENT, ALPHA, MINUS, TIMES, number
 
 _MOST: Final = 16
@@ -83,11 +83,18 @@ def worst_blocks(margins: Margins, label: str, *, key: str) -> list[Block]:
         which = "single channels" if len(known) == len(margins.channels) else (
             f"the {len(known)} of {len(margins.channels)} single channels whose worst perturbation was found"
         )  # fmt: skip
-        told = worst_words(first.channel, complex(disk.factors[0]), disk.frequency, replayed=disk.verified)
-        blocks.append(
-            Passage((f"Lost first among {which} is {told} (disk margin {ALPHA} {size}; ",
-                     Reference(f"table:{key}-worst"), ")."))
-        )  # fmt: skip
+        factor = complex(disk.factors[0])
+        if math.isfinite(abs(factor)):
+            told = worst_words(first.channel, factor, disk.frequency, replayed=disk.verified)
+            blocks.append(
+                Passage((f"Lost first among {which} is {told} (disk margin {ALPHA} {size}; ",
+                         Reference(f"table:{key}-worst"), ")."))
+            )  # fmt: skip
+        else:
+            blocks.append(Paragraph(
+                f"Among {which} none is lost by any positive gain, nor within {number(disk.phase, 'deg')} of phase "
+                f"(disk margin {ALPHA} {size})."
+            ))  # fmt: skip
     rows = []
     for place, one in enumerate(margins.channels[:_MOST]):
         alone = complex(one.disk.factors[0]) if one in known else complex(math.nan, 0.0)

@@ -143,14 +143,27 @@ def _baseline(comparison: Comparison) -> list[str]:
     frequency = number(float(base.modes.frequency[k]), "Hz")
     if abs(base.modes.s[k].real) <= base.modes.error_bound[k]:
         return [f"{base.label} is {base.modes.verdict.value} at {speed}: {base.modes.labels[k]} at {frequency} neither "
-                f"grows nor decays beyond the error of the computation."]  # fmt: skip
+                f"grows nor decays beyond the error of the computation.", *_elsewhere(base)]  # fmt: skip
     if base.modes.s[k].real <= 0.0 or base.modes.verdict.value != "unstable":
         return [f"{base.label} is {base.modes.verdict.value} at {speed}; its least stable mode is "
-                f"{base.modes.labels[k]} at {frequency} with growth rate {growth}."]  # fmt: skip
+                f"{base.modes.labels[k]} at {frequency} with growth rate {growth}.", *_elsewhere(base)]  # fmt: skip
     feeder = largest_feeder(base.system, base.modes.ledger, mode=k) if base.system is not None else None
     fed = f", fed by the {feeder[0]}" if feeder else ""
     return [f"{base.label} is unstable at {speed}: {base.modes.labels[k]} grows at {growth} ({frequency}, "
             f"{base.modes.kind[k].value}){fed}."]  # fmt: skip
+
+
+def _elsewhere(base: OptionStudy) -> list[str]:
+    """Where along its sweeps a vehicle grows that does not at the design point."""
+    said = []
+    for one in base.sweeps:
+        growing = one.abscissa > 0.0
+        if np.any(growing):
+            k = int(np.nanargmax(one.abscissa))
+            most, at = number(float(one.abscissa[k]), "1/s"), number(one.scale * float(one.values[k]), one.unit)
+            points = f"{int(np.sum(growing))} of {len(one.values)} points"
+            said.append(f"Along {one.parameter.replace('_', ' ')} it grows at {points}, at most by {most} at {at}.")
+    return said
 
 
 def _resonance(option: OptionStudy) -> list[str]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable
+from collections.abc import Awaitable, Generator
+from dataclasses import dataclass
 from typing import Any
 
 from bokeh.core.serialization import Serializer
@@ -25,9 +26,9 @@ class OneMessage(ServerConnection):  # type: ignore[misc]
         """Note a change; the first one of a callback sends all that were noted by the time its turn comes."""
         if self._waiting is not None:
             self._waiting.append(event)
-            return _gone_already()
+            return _Turn(None)
         self._waiting = [event]
-        return self._send()
+        return _Turn(self)
 
     async def _send(self) -> None:
         events, self._waiting = self._waiting or [], None
@@ -44,8 +45,15 @@ class _Nobody:
 _NOBODY = _Nobody()
 
 
-async def _gone_already() -> None:
-    """Nothing left to send."""
+@dataclass(frozen=True, slots=True)
+class _Turn:
+    """A connection's turn to send, None where everything has gone; one that never comes is no fault of anybody."""
+
+    connection: OneMessage | None
+
+    def __await__(self) -> Generator[Any, None, None]:
+        if self.connection is not None:
+            yield from self.connection._send().__await__()
 
 
 def together(events: list[DocumentPatchedEvent]) -> Any:

@@ -245,6 +245,9 @@ class Page:
                 self._say({**opened_event(told.scenario, told.option, told.quantities), "fresh": fresh})
                 if told.words:
                     self._say({"kind": "message", "words": told.words})
+                if not told.state.values:  # as its file has it: a report of it may be there, or on its way
+                    self._job = (told.state.name, told.scenario.hash)
+                    self._poll()
             case Busy():
                 self._say({"kind": "busy", "words": told.words})
             case Compared():

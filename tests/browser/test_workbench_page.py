@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+import re
 import time
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
 from browser_watch import Watch, findings, picture
-from page_server import HOSTILE, SMALL, TRAIN, Bench, Server, number_of
+from page_server import HOSTILE, PATIENCE, SMALL, TRAIN, Bench, Server, number_of
 
 from maglev_ctrl.analysis.modes import modes
 from maglev_ctrl.scenario import load
@@ -272,3 +273,25 @@ def test_the_theme_is_switched_and_kept(watch: Watch, server: Server) -> None:
     bench.page.reload()
     bench.settled()
     assert bench.page.evaluate("document.documentElement.dataset.theme") == "dark"
+
+
+def test_a_tap_on_the_map_moves_the_sliders(watch: Watch, server: Server) -> None:
+    bench = Bench.open(watch, f"{server.address}?scenario={TRAIN}&option=combined")
+    speed, depth = (bench.at(f"field-{name}").input_value() for name in ("speed", "depth"))
+    before, count = bench.eigenvalues(), bench.shown
+    picture_of = bench.page.locator("#host-map canvas").first
+    picture_of.scroll_into_view_if_needed()
+    box = picture_of.bounding_box()
+    assert box is not None
+    bench.page.mouse.click(box["x"] + 0.35 * box["width"], box["y"] + 0.45 * box["height"])
+    bench.after(count)
+    told = {name: float(bench.at(f"field-{name}").input_value()) for name in ("speed", "depth")}
+    assert told["speed"] < float(speed) - 20.0 and told["depth"] > float(depth) + 5.0
+    there = re.search(r"speed=([\d.]+)", bench.page.url)
+    assert there is not None and float(there[1]) == pytest.approx(told["speed"] / 3.6, rel=1e-3)
+    assert np.max(np.abs(np.array(bench.eigenvalues()) - np.array(before))) > 1e-4
+    bench.at("undo").click()  # one step leads back
+    bench.page.wait_for_function(
+        "([id, value]) => document.getElementById(id).value === value", arg=["field-speed", speed], timeout=PATIENCE
+    )
+    assert bench.at("field-depth").input_value() == depth

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from maglev_ctrl.analysis.modes import Modes
 from maglev_ctrl.arrays import read_only_any
 from maglev_ctrl.errors import Verdict
 from maglev_ctrl.scenario import Scenario
@@ -55,6 +56,12 @@ def _row(
         disk = min([one.disk.alpha for one in view.margins.channels] + [view.margins.multi_loop.alpha])
     why = view.margins_reason or (view.verdict_words if view.verdict is Verdict.NOT_EVALUATED else "")
     return (
-        found.spectral_abscissa, least_damping(found), view.floquet.growth_rate if view.floquet else np.nan, disk,
+        found.spectral_abscissa, _damping(found), view.floquet.growth_rate if view.floquet else np.nan, disk,
         view.verdict, why,
     )  # fmt: skip
+
+
+def _damping(found: Modes) -> float:
+    """Least damping ratio; a mode that grows without oscillating counts with -1, as in the requirements."""
+    growing = found.s.real > found.error_bound
+    return -1.0 if np.any(growing & (found.s.imag <= found.error_bound)) else least_damping(found)

@@ -36,9 +36,9 @@ const Controls = (() => {
   }
 
   // The gesture an input belongs to: a drag, or keys that follow each other, is one step of undo.
-  const gestureOf = (name, fresh) => {
+  const gestureOf = (name, fresh, held = false) => {
     const now = performance.now()
-    if (fresh || newest.name !== name || now - newest.time > 900) gesture += 1
+    if (fresh || newest.name !== name || (!held && now - newest.time > 900)) gesture += 1
     newest = {name, time: now}
     return `${slug(name)}-${gesture}`
   }
@@ -77,12 +77,13 @@ const Controls = (() => {
       told.textContent = ""
       item.classList.toggle("moved", Math.abs(value - q.value) > 1e-9 * Math.max(1e-12, Math.abs(q.value)))
     }
-    let pressed = false
-    range.addEventListener("pointerdown", () => { pressed = true })
+    let pressed = false, held = false
+    range.addEventListener("pointerdown", () => { pressed = held = true })
+    for (const end of ["pointerup", "pointercancel", "blur"]) range.addEventListener(end, () => { held = false })
     range.addEventListener("input", () => {
       const value = fromStep(q, Number(range.value))
       set(value)
-      send(q.name, value, gestureOf(q.name, pressed))
+      send(q.name, value, gestureOf(q.name, pressed, held))
       pressed = false
     })
     field.addEventListener("change", () => {

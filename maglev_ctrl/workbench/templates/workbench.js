@@ -16,6 +16,7 @@
   let busyWords = ""
   let opened = false
   let textShown = null
+  let uploaded = ""     // name of the file whose answer is waited for
 
   const storage = (kind, name, value) => {
     try {
@@ -134,6 +135,7 @@
       state("busy")
     },
     opened(event) {
+      uploaded = ""
       if (event.fresh) { delete root.dataset.compared; at("view-comparison").classList.remove("following") }
       at("title").textContent = event.title
       document.title = `${event.title} – maglev-ctrl workbench`
@@ -183,6 +185,8 @@
     written(event) { textShown = event.text; Editor.show(event.text, false) },
     refused(event) {
       underway = null
+      if (uploaded) at("upload-words").textContent = `${uploaded}: ${event.words}`
+      uploaded = ""
       verdict("fail", "!", "Nothing to show", event.words)
       at("design").hidden = true
       at("notes").replaceChildren()
@@ -265,6 +269,7 @@
       const bytes = await file.arrayBuffer()
       let text
       try { text = new TextDecoder("utf-8", {fatal: true}).decode(bytes) } catch { throw new Error(`${file.name}: expected UTF-8 text.`) }
+      uploaded = file.name
       say({kind: "upload", name: file.name, text})
     } catch (fault) {
       told.textContent = fault.message

@@ -106,6 +106,8 @@ def dataset(view: LiveView | LiveComparison, which: Which, columns: tuple[Column
     found = {}
     for one in columns:
         said = {"long_name": one.name, "units": one.unit or "1"}
+        if one.key in ("value", "limit"):  # every row has its own
+            said = {"long_name": one.name, "comment": "in the unit that the variable `unit` gives for its row"}
         if isinstance(one.values, tuple):
             found[one.key] = ("row", np.array([words.encode() for words in one.values], dtype="S"), {
                 "long_name": one.name, "encoding_of_words": "utf-8"})  # fmt: skip
