@@ -255,3 +255,28 @@ def test_a_twin_answers_the_same_and_keeps_its_own_notes(study):
     fresh = {law.name: 0.5 * (law.value + law.low)}
     twin.preview(fresh)
     assert twin.knows_sweep(fresh) and not study.knows_sweep(fresh)
+
+
+def test_a_point_cannot_meet_what_is_asked_over_a_sweep_but_can_miss_it():
+    scenario = load("scenarios/paper/heave_surge.toml")
+    swept = [one.name for one in scenario.judged if one.over != "nominal" and one.quantity == "growth_rate"]
+    assert swept  # stable where it was designed, growing below 201 km/h
+    live = LiveStudy(scenario, "bare")
+    fine = live.settle(live.point({}))
+    assert fine.modes is not None and fine.modes.stable
+    told = {one.name: one for one in fine.requirements}
+    assert all(
+        told[name].verdict is Verdict.NOT_EVALUATED and "met at this point" in told[name].reason for name in swept
+    )
+    assert fine.verdict is not Verdict.PASS and "only judged in the report" in fine.verdict_words
+    slow = live.settle(live.point({"speed": 20.0}))
+    assert {one.name: one.verdict for one in slow.requirements}[swept[0]] is Verdict.FAIL
+    assert slow.verdict is Verdict.FAIL
+
+
+def test_a_mode_that_only_grows_counts_as_undamped_in_the_comparison():
+    found = compare_options(load("scenarios/design/ems_hover.toml"), {})
+    for growth, damping, verdict in zip(found.growth, found.least_damping, found.verdicts, strict=True):
+        assert (damping <= 0.0) == (growth > 0.0)
+        assert growth <= 0.0 or verdict is Verdict.FAIL
+    assert np.min(found.least_damping) == -1.0

@@ -5,7 +5,7 @@ import pytest
 from scipy import ndimage
 
 from maglev_ctrl.analysis.floquet import floquet
-from maglev_ctrl.analysis.plane_records import NO_ANSWER, UNSTABLE
+from maglev_ctrl.analysis.plane_records import NO_ANSWER, STABLE, UNRESOLVED, UNSTABLE
 from maglev_ctrl.guideway import passing_frequency
 from maglev_ctrl.scenario import load
 from maglev_ctrl.study.live import growth, speeds
@@ -170,3 +170,22 @@ def test_a_series_that_its_nodes_flatter_is_caught_by_a_speed_that_is_no_node(mo
     monkeypatch.setattr(speeds._Source, "exact", lambda self, v: kept(self, v) * (1.0 + 1e-3))
     _, _, over = over_speed(TRAIN, "bare")
     assert not over.smooth
+
+
+def test_beside_fierce_growth_nothing_is_decided_that_cannot_be_seen():
+    """One speed grows by e^30 in a period: what decays elsewhere is below the noise of the common series."""
+
+    def source(v):
+        growth = 30.0 * v / (2.0 * np.pi) * np.exp(-(((v - 2.0) / 0.35) ** 2)) - 0.02
+        A = np.array([[[g, 1.0], [-1.0, g]] for g in growth])
+        none = np.zeros((len(v), 1, 2, 2))
+        return Columns(A, none, none, v)
+
+    speed, depth = np.linspace(1.0, 3.0, 60), np.linspace(0.0, 0.2, 9)
+    found = growth_plane(source, speed, depth)
+    exact = source(speed).mean[:, 0, 0]
+    for k, value in enumerate(exact):
+        assert set(found.state[k]) <= ({UNSTABLE, UNRESOLVED} if value > 0.0 else {STABLE, UNRESOLVED}), speed[k]
+    fierce = exact > 0.9 * np.max(exact)
+    assert np.all(found.state[fierce] == UNSTABLE)
+    np.testing.assert_allclose(found.growth[fierce], exact[fierce][:, None] * np.ones(len(depth)), rtol=1e-4)

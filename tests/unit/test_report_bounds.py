@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal
@@ -11,15 +12,18 @@ import pytest
 
 from maglev_ctrl.analysis.resonance_map import SeededTongue
 from maglev_ctrl.errors import Verdict
+from maglev_ctrl.report import content_margins
 from maglev_ctrl.report.chart import Area, Bars, Chart, Line, Marks, Note
 from maglev_ctrl.report.charts_comparison import options_over_speed
 from maglev_ctrl.report.charts_margins import margin_bars
 from maglev_ctrl.report.charts_periodic import critical_curve, resonance_chart, tips_below_curve
 from maglev_ctrl.report.content import report_model
+from maglev_ctrl.report.content_cover import cover_tiles
 from maglev_ctrl.report.content_method import METHOD
+from maglev_ctrl.report.content_worst import worst_blocks
 from maglev_ctrl.report.findings import CHOICE, key_findings, leading_option, tightest, unforced_warning
 from maglev_ctrl.report.legend import legend_entries
-from maglev_ctrl.report.model import Banner, Bullets, Report, Table
+from maglev_ctrl.report.model import Banner, Bullets, Paragraph, Report, Table
 from maglev_ctrl.report.style import INK, PALETTE, colour
 from maglev_ctrl.report.values import bound_words, margin_words, reason_words, value_words
 from maglev_ctrl.scenario import Scenario
@@ -228,3 +232,44 @@ def test_what_the_analysis_leaves_out_is_said(studied: OptionStudy) -> None:
 
 def test_ten_options_have_ten_colours() -> None:
     assert len({colour(order) for order in range(10)}) == 10 == len(PALETTE)
+
+
+def growing(name: str, value: float, at: str, *, hard: bool = True) -> RequirementResult:
+    return RequirementResult(
+        name=name, quantity="growth_rate", description="largest growth rate", sense="at_most", limit=0.0, value=value,
+        unit="1/s", verdict=Verdict.PASS, margin_percent=math.nan, worst_at=at, method="two methods", reason="",
+        bound="exact", hard=hard,
+    )  # fmt: skip
+
+
+def test_a_key_figure_is_the_worst_of_its_kind(studied: OptionStudy) -> None:
+    at_design, over_speed = growing("here", -0.0471, "design point"), growing("everywhere", -0.0462, "speed 443 km/h")
+    for order in ((at_design, over_speed), (over_speed, at_design)):
+        tiles = cover_tiles(compared(judged(studied, "a", *order, growing("wished", 5.0, "nowhere", hard=False))))
+        (tile,) = (one for one in tiles if one.label == "Largest growth rate")
+        assert tile.value == "\N{MINUS SIGN}0.0462 1/s" and "443 km/h" in tile.detail
+
+
+def test_the_summary_tells_where_a_baseline_grows_that_is_stable_at_the_design_point(studied: OptionStudy) -> None:
+    sweep = studied.sweeps[0]
+    assert studied.modes is not None and studied.modes.stable and not np.any(sweep.abscissa > 0.0)
+    base = replace(judged(studied, "bare"), kind="baseline")
+    assert "it grows at" not in " ".join(key_findings(compared(base)))
+    grown = np.array(sweep.abscissa)
+    grown[[1, 2]] = 0.0744, 0.03
+    base = replace(base, sweeps=(replace(sweep, abscissa=grown), *studied.sweeps[1:]))
+    told = " ".join(key_findings(compared(base)))
+    at = f"{sweep.scale * sweep.values[1]:.3g}"
+    assert f"grows at 2 of {len(grown)} points, at most by 0.0744 1/s at {at} {sweep.unit}" in told
+
+
+def test_a_disk_that_is_as_large_as_can_be_has_no_gains_and_loses_nothing(studied: OptionStudy) -> None:
+    assert content_margins._any_gain(-186.6, 186.6) == "any positive gain"
+    assert content_margins._any_gain(-6.0, 6.0) == "any gain between \N{MINUS SIGN}6.00 dB and 6.00 dB"
+    margins = studied.margins
+    assert margins is not None
+    first = margins.channels[0]
+    whole = replace(first, disk=replace(first.disk, alpha=2.0, perturbation=np.array([2.0 + 0.0j])))
+    assert not np.isfinite(whole.disk.factors[0])
+    told = worst_blocks(replace(margins, channels=(whole,)), "x", key="k")[0]
+    assert isinstance(told, Paragraph) and "none is lost by any positive gain" in told.text
