@@ -41,6 +41,14 @@ class _Nobody:
     async def _handle_patch(self, message: Any, connection: ServerConnection) -> Any:
         return connection.ok(message)
 
+    async def _handle_pull(self, message: Any, connection: ServerConnection) -> Any:
+        return connection.error(message, "the page has gone")
+
+    _handle_push = _handle_pull
+
+    def notify_connection_lost(self) -> None:
+        """It was lost before."""
+
 
 _NOBODY = _Nobody()
 

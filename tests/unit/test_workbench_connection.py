@@ -75,3 +75,19 @@ def test_a_message_makes_the_other_side_the_same(changed: Any) -> None:
     assert other.roots[0].text == "now"
     np.testing.assert_array_equal(other.roots[1].data["x"], numbers.data["x"])
     assert list(other.roots[1].data["label"]) == numbers.data["label"]
+
+
+def test_a_page_that_has_gone_speaks_to_nobody(changed: Any) -> None:
+    _, words, _, events = changed
+    heard: list[Any] = []
+    session = SimpleNamespace(subscribe=lambda one: None, unsubscribe=heard.append)
+    connection = OneMessage(Protocol(), Socket(), None, session)
+    assert connection.session is session
+    words.text = "late"
+    message = together(events)
+    connection.detach_session()
+    assert heard == [connection]
+    answer = asyncio.run(connection.session._handle_patch(message, connection))
+    assert answer.msgtype == "OK" and answer.header["reqid"] == message.header["msgid"]
+    assert asyncio.run(connection.session._handle_pull(message, connection)).msgtype == "ERROR"
+    connection.session.notify_connection_lost()
