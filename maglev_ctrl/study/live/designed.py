@@ -55,10 +55,12 @@ class Designed:
     def merged(self) -> bool:
         """Whether on the map delay and bandwidth of every actuator are one lag, being short against every mode."""
         if not self._merged:
-            own = Situation.of_design(self.model.scenario)
+            vehicle, own = self.vehicle(None), Situation.of_design(self.model.scenario)
             self._merged.append(
                 self.modulation is not None
-                and delays_are_short(self.model, self.vehicle(None), self.controller, closed=self.closed(own)[0])
+                and delays_are_short(
+                    self.model, vehicle, self.controller, closed=self.model.closed_of(vehicle, own, self.controller)
+                )
             )
         return self._merged[0]
 

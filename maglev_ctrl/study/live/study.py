@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextvars import copy_context
 from copy import copy
 from dataclasses import dataclass, replace
 
@@ -96,6 +97,7 @@ class LiveStudy:
         """
         return _still(self._chosen(values)) in self._swept
 
+    @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # growth beyond all numbers is told, not warned of
     def _view(self, values: Mapping[str, float], *, whole: bool) -> LiveView:
         started = time.perf_counter()
         chosen = self._chosen(values)
@@ -209,7 +211,7 @@ class LiveStudy:
         else:
             # The map is products of matrices for the most part, and leaves this thread its time.
             with ThreadPoolExecutor(max_workers=1) as pool:
-                drawing = pool.submit(self._map, made, over)
+                drawing = pool.submit(copy_context().run, self._map, made, over)
                 tracks = self._tracks(made, situation, over, speeds)
                 atlas = drawing.result()
         return _Swept(tracks, *atlas)

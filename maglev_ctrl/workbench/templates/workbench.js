@@ -90,6 +90,13 @@
     Controls.show(values)
   }
 
+  // The address follows when the figures are drawn: it costs more than all other words of a move.
+  let address = null, kept = null
+  const putAddress = () => {
+    if (address !== null) history.replaceState(null, "", location.pathname + address)
+    address = null
+  }
+
   const tell = {
     hello(event) { key = event.key; limit = Editor.limit = event.limit },
     sources(event) {
@@ -123,8 +130,9 @@
       at("redo").disabled = !event.redo
       at("copy-link").disabled = event.address === "#kept"
       at("copy-link").title = event.address === "#kept" ? "This scenario is too long for an address; download it instead" : ""
-      storage(sessionStorage, "maglev-ctrl-kept", event.kept)
-      history.replaceState(null, "", location.pathname + event.address)
+      if (event.kept !== kept) storage(sessionStorage, "maglev-ctrl-kept", kept = event.kept)
+      address = event.address
+      setTimeout(putAddress, 400)
       if (event.text !== undefined && event.text !== textShown) {
         textShown = event.text
         Editor.show(event.text, opened)
@@ -171,6 +179,7 @@
       if (!event.settled) underway = null
       const server = `${Math.round(1000 * event.seconds)} ms`
       requestAnimationFrame(() => requestAnimationFrame(() => {
+        putAddress()
         root.dataset.shown = Number(root.dataset.shown) + 1
         root.dataset.seconds = event.seconds
         if (event.answers >= asked && !waiting) state(event.failure ? "failed" : event.settled ? "settled" : "preview")
@@ -231,7 +240,10 @@
     at("verdict-sign").textContent = `${sign} ${name}`.trim()
     at("verdict-words").textContent = busyWords || words
   }
+  let linked = ""
   const downloads = () => {
+    if (linked === key) return
+    linked = key
     for (const link of document.querySelectorAll(".downloads a")) {
       link.href = `/files/${key}/${link.dataset.view}.${link.dataset.kind}`
       link.setAttribute("download", "")
@@ -302,6 +314,7 @@
     })
     at("copy-link").addEventListener("click", async () => {
       let done = true
+      putAddress()
       try { await navigator.clipboard.writeText(location.href) } catch { done = false }
       at("copy-link").textContent = done ? "Copied" : "See address bar"
       setTimeout(() => { at("copy-link").textContent = "Copy link" }, 1500)
@@ -316,6 +329,7 @@
       }
     })
     document.addEventListener("maglev-ctrl-point", pointed)
+    addEventListener("pagehide", putAddress)
     addEventListener("hashchange", () => location.reload())
     document.addEventListener("click", (event) => {
       const link = event.target.closest?.(".downloads a, #download-scenario")

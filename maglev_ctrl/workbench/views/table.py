@@ -13,7 +13,9 @@ from maglev_ctrl.workbench.style import FONT, LIGHT
 TABLE_STYLE: Final = f"""
 :host {{ font-family: {FONT}; font-size: 13px; line-height: 1.35; color: var(--wb-ink, {LIGHT.ink}); }}
 .bk-clearfix {{ display: block; width: 100%; font-family: {FONT}; }}
-.scroll {{ overflow-x: auto; }}
+.scroll {{ overflow-x: auto; background:
+  linear-gradient(to left, var(--wb-paper, {LIGHT.paper}) 40%, transparent) right / 3em 100% no-repeat local,
+  linear-gradient(to left, rgb(110 110 110 / 0.45), transparent) right / 0.8em 100% no-repeat scroll; }}
 table {{ border-collapse: collapse; width: 100%; margin: 0.2em 0 0.9em; }}
 td:last-child:not(.right) {{ min-width: 13em; }}
 caption {{ text-align: left; font-weight: 600; padding: 0.3em 0; }}
