@@ -1,8 +1,6 @@
 """`python -m maglev_ctrl` is the `maglev-ctrl` command."""
 
-import sys
-
-from maglev_ctrl.cli import main
+from maglev_ctrl.cli import command
 
 if __name__ == "__main__":
-    sys.exit(main())
+    command()

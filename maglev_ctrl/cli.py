@@ -7,9 +7,9 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 import typer
 
@@ -136,6 +136,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if status == READER_GONE:
             _forget_output()
         return status
+
+
+def command() -> NoReturn:
+    """The process of `maglev-ctrl`: runs its command line and ends with its exit status.
+
+    Threads that still compute for nobody, as behind a page that was closed, are not waited for; Python would end them
+    by force while it takes itself apart, which compiled code in them answers with an abort.
+    """
+    status = main()
+    if any(one.daemon for one in threading.enumerate()):
+        with suppress(OSError, ValueError):
+            sys.stdout.flush()
+            sys.stderr.flush()
+        os._exit(status)
+    sys.exit(status)
 
 
 def _run(words: list[str]) -> int:

@@ -244,3 +244,17 @@ def test_help_loads_nothing_heavy() -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "report" in done.stdout and "compare" in done.stdout
+
+
+@pytest.mark.parametrize("words, status", [("version", 0), ("nonsense", 2)])
+@pytest.mark.parametrize("computing", [True, False])
+def test_the_process_does_not_wait_for_threads_that_still_compute(computing: bool, words: str, status: int) -> None:
+    thread = "threading.Thread(target=time.sleep, args=(600,), daemon=True).start(); " if computing else ""
+    done = subprocess.run(
+        [sys.executable, "-c", "import atexit, sys, threading, time; from maglev_ctrl.cli import command; "
+         f"atexit.register(print, 'taken apart'); {thread}sys.argv = ['maglev-ctrl', {words!r}]; command()"],
+        capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    assert done.returncode == status
+    told = done.stdout + done.stderr
+    assert "maglev-ctrl" in told and ("taken apart" in told) == (not computing)
