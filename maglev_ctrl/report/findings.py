@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from maglev_ctrl.analysis.modes import ModeKind
 from maglev_ctrl.errors import Agreement, Verdict
 from maglev_ctrl.report.charts_periodic import tongue_words
 from maglev_ctrl.report.findings_ride import decided_by_ride, nonlinear_findings, ride_findings, tuning_findings
@@ -155,11 +156,12 @@ def _baseline(comparison: Comparison) -> list[str]:
 
 def _elsewhere(base: OptionStudy) -> list[str]:
     """Where along its sweeps a vehicle grows that does not at the design point."""
-    said = []
+    said, still = [], {ModeKind.STABLE, ModeKind.NEUTRAL, None}
     for one in base.sweeps:
-        growing = one.abscissa > 0.0
+        # By kind, for a mode within its error of zero neither grows nor decays whatever its sign.
+        growing = np.array([not still.issuperset(row) for row in one.tracks.kinds]) & (one.abscissa > 0.0)
         if np.any(growing):
-            k = int(np.nanargmax(one.abscissa))
+            k = int(np.argmax(np.where(growing, one.abscissa, -np.inf)))
             most, at = number(float(one.abscissa[k]), "1/s"), number(one.scale * float(one.values[k]), one.unit)
             points = f"{int(np.sum(growing))} of {len(one.values)} points"
             said.append(f"Along {one.parameter.replace('_', ' ')} it grows at {points}, at most by {most} at {at}.")

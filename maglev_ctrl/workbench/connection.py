@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Generator
+from collections.abc import Awaitable, Generator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +15,7 @@ from bokeh.server.connection import ServerConnection
 class OneMessage(ServerConnection):  # type: ignore[misc]
     """A connection that sends the changes of one callback together, their numbers inside the text."""
 
-    _waiting: list[DocumentPatchedEvent] | None = None
+    _waiting: tuple[DocumentPatchedEvent, ...] = ()
 
     @property
     def session(self) -> Any:
@@ -23,16 +23,15 @@ class OneMessage(ServerConnection):  # type: ignore[misc]
         return _NOBODY if self._session is None else self._session
 
     def send_patch_document(self, event: DocumentPatchedEvent) -> Awaitable[None]:
-        """Note a change; the first one of a callback sends all that were noted by the time its turn comes."""
-        if self._waiting is not None:
-            self._waiting.append(event)
-            return _Turn(None)
-        self._waiting = [event]
+        """Note a change; whichever turn comes first sends all that were noted by then, also those of a callback that
+        failed before its own turns came."""
+        self._waiting = (*self._waiting, event)
         return _Turn(self)
 
     async def _send(self) -> None:
-        events, self._waiting = self._waiting or [], None
-        await self._socket.send_message(together(events))
+        events, self._waiting = self._waiting, ()
+        if events:
+            await self._socket.send_message(together(events))
 
 
 class _Nobody:
@@ -55,20 +54,19 @@ _NOBODY = _Nobody()
 
 @dataclass(frozen=True, slots=True)
 class _Turn:
-    """A connection's turn to send, None where everything has gone; one that never comes is no fault of anybody."""
+    """A connection's turn to send; one that never comes is no fault of anybody, as a coroutine's would be."""
 
-    connection: OneMessage | None
+    connection: OneMessage
 
     def __await__(self) -> Generator[Any, None, None]:
-        if self.connection is not None:
-            yield from self.connection._send().__await__()
+        return self.connection._send().__await__()
 
 
-def together(events: list[DocumentPatchedEvent]) -> Any:
+def together(events: Sequence[DocumentPatchedEvent]) -> Any:
     """A message with all changes of one document in their order; arrays as text, because every binary part of a
     message is two more frames on the way."""
     models = events[0].document.models
     serializer = Serializer(references=models.synced_references, deferred=False)
-    message = patch_doc(patch_doc.create_header(), {}, {"events": serializer.encode(events)})
+    message = patch_doc(patch_doc.create_header(), {}, {"events": serializer.encode(list(events))})
     models.flush_synced(lambda model: not serializer.has_ref(model))
     return message

@@ -61,6 +61,15 @@ def test_changes_of_one_callback_are_one_message_in_their_order(changed: Any) ->
     words.text = "later"
     asyncio.run(sent())
     assert len(socket.sent) == 2 and "later" in socket.sent[1].content_json
+    # What a callback had changed when it failed goes with the next one's changes, and nothing is held back for ever.
+    events.clear()
+    words.text = "failed"
+    connection.send_patch_document(events[0])
+    events.clear()
+    words.text = "after"
+    asyncio.run(sent())
+    told = json.loads(socket.sent[2].content_json)["events"]
+    assert len(socket.sent) == 3 and [one["new"] for one in told] == ["failed", "after"]
 
 
 def test_a_message_makes_the_other_side_the_same(changed: Any) -> None:
