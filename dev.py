@@ -19,7 +19,7 @@ ENVIRONMENT = ROOT / ".venv"
 BIN = ENVIRONMENT / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
 STAMP = ENVIRONMENT / "maglev-ctrl-setup"
-EXTRAS = "test,docs,ui"
+EXTRAS = "test,docs,ui,dist,supply"
 
 HELP = """usage: python3 dev.py VERB [ARGUMENTS]
 

@@ -25,6 +25,7 @@ from maglev_ctrl.cli_output import Manner, adopt, answer, complain, conversation
 from maglev_ctrl.cli_report import compare, report
 from maglev_ctrl.cli_reproduce import reproduce
 from maglev_ctrl.cli_simulate import simulate
+from maglev_ctrl.cli_sweep import sweep
 from maglev_ctrl.cli_terminal import (
     BAD_INPUT,
     PASSED,
@@ -106,8 +107,8 @@ def show_help(
     say(text)
 
 
-for _verb in (report, compare, simulate, diff, ui, design, verify, export, forces, identify, reproduce, check, new,
-              schema, completion, version):  # fmt: skip
+for _verb in (report, compare, sweep, simulate, diff, ui, design, verify, export, forces, identify, reproduce, check,
+              new, schema, completion, version):  # fmt: skip
     _add(_verb)
 _add(stability_map, "map")
 _add(show_help, "help")

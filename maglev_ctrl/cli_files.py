@@ -52,6 +52,7 @@ def new(
     ] = Path(),
 ) -> None:
     """Write NAME.toml, a commented scenario to start from; an existing file is never touched."""
+    from maglev_ctrl.files import put_new_file
     from maglev_ctrl.scenario.starter import starter_text
 
     file = out / (name if name.endswith(".toml") else f"{name}.toml")
@@ -60,8 +61,7 @@ def new(
         raise typer.BadParameter(f"expected a name, got {name!r}")
     try:
         out.mkdir(parents=True, exist_ok=True)
-        with file.open("x", encoding="utf-8", newline="\n") as stream:
-            stream.write(starter_text(title[:1].upper() + title[1:]))
+        put_new_file(file, starter_text(title[:1].upper() + title[1:]).encode())
     except FileExistsError:
         complain(f"{file}: there is a file of this name already; choose another name or delete it")
         raise typer.Exit(BAD_INPUT) from None
@@ -88,6 +88,7 @@ def schema(
     """
     import json
 
+    from maglev_ctrl.files import put_file
     from maglev_ctrl.scenario import json_schema
 
     found = json_schema()
@@ -96,7 +97,6 @@ def schema(
         answer(found, whole=True)
         say(text)
         return
-    out.mkdir(parents=True, exist_ok=True)
     file = out / "scenario.schema.json"
-    file.write_text(text + "\n", encoding="utf-8", newline="\n")
+    put_file(file, (text + "\n").encode())
     say_written([file])

@@ -45,6 +45,13 @@ VERBS: Final[dict[str, VerbHelp]] = {
          "map train.toml --x speed=50m/s:160m/s:200 --y payload=0t:30t:50"),
         (("0", "every option has its map"), ("1", "an option has no map or UNRESOLVED points")),
     ),
+    "sweep": VerbHelp(
+        "Study", "Compute every option at many points, here or on a cluster.",
+        ("sweep scenarios/compare/warwick_30t.toml --grid speed=20:150:200 --grid payload=0:20t:50",
+         "sweep train.toml --vary vehicle.car.mass=20t~5% --vary payload=0t:10t --points 1000",
+         "sweep train.toml --grid speed=20:150:200 --cluster tcp://127.0.0.1:8786"),
+        (("0", "every point has an answer"), ("1", "some points are UNRESOLVED or have no answer")),
+    ),
     "simulate": VerbHelp(
         "Study", "Simulate one option with its full force map.",
         (f"simulate {_TRAIN} --option windings", 'simulate train.toml --speed "400 km/h" --duration "30 s"',

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -18,6 +17,8 @@ from maglev_ctrl.cli_terminal import (
     ScenarioFile,
     Stopped,
     console,
+    duration,
+    print_quantities,
     progress,
 )  # fmt: skip
 
@@ -87,7 +88,7 @@ def stability_map(
 
     read = load(scenario)
     if list_quantities:
-        _print_quantities(read)
+        print_quantities(read)
         return
 
     from maglev_ctrl.errors import ScenarioError
@@ -170,43 +171,13 @@ def _many(read: Scenario, request: MapRequest, jobs: int) -> str:
 
     found, points = survey_estimate(read, request, jobs=jobs), f"{request.points:,}".replace(",", " ")
     return (
-        f"the maps have {points} points: about {_duration(found.seconds)} and {_size(found.bytes)} of memory; ask for "
+        f"the maps have {points} points: about {duration(found.seconds)} and {_size(found.bytes)} of memory; ask for "
         "fewer points, or add --yes"
     )
 
 
-def _duration(seconds: float) -> str:
-    for unit, length in (("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0)):
-        if seconds >= 2.0 * length:
-            return f"{seconds / length:.2g} {unit}" if seconds < 1e2 * length else f"{seconds / length:.0f} {unit}"
-    return f"{seconds:.2g} seconds"
-
-
 def _size(count: float) -> str:
     return f"{count / 2**30:.3g} GiB" if count >= 2**30 else f"{count / 2**20:.3g} MiB"
-
-
-def _print_quantities(read: Scenario) -> None:
-    """Every quantity with its own value; written out plainly, so that names can be copied."""
-    from rich.markup import escape
-    from rich.table import Table
-
-    from maglev_ctrl.scenario.quantity_paths import DEPTH, display_unit, scenario_quantities
-
-    table = Table("quantity", "own value", "what it is")
-    found = scenario_quantities(read)
-    for quantity in found:
-        unit, scale = display_unit(quantity, quantity.value)
-        value = f"{quantity.value * scale:.6g} {unit}".rstrip()
-        if math.isnan(quantity.value):
-            value = "from the sources" if quantity.name == DEPTH else "not set"
-        table.add_row(escape(quantity.name), value, escape(quantity.label))
-    console().print(table)
-    for quantity in found:
-        say_quietly(quantity.name)
-    answer({
-        "quantities": [{"name": one.name, "label": one.label, "unit": one.unit, "value": one.value} for one in found]
-    })  # fmt: skip
 
 
 def _print(study: MapStudy) -> None:

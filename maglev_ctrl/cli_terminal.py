@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import math
 import os
 import sys
 import time
@@ -14,10 +15,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, TextIO
 
 import typer
 
-from maglev_ctrl.cli_output import Manner, answering, manner
+from maglev_ctrl.cli_output import Manner, answer, answering, manner, say_quietly
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+    from maglev_ctrl.scenario import Scenario
 
 PASSED, NOT_PASSED, BAD_INPUT, INTERRUPTED, READER_GONE = 0, 1, 2, 130, 141
 UNDONE = "interrupted; nothing was written"
@@ -173,3 +176,34 @@ def _span(seconds: float) -> str:
     if seconds >= 3600.0:
         return f"{seconds // 3600:.0f} h {seconds % 3600 // 60:.0f} min"
     return f"{seconds // 60:.0f} min {seconds % 60:.0f} s" if seconds >= 100.0 else f"{seconds:.0f} s"
+
+
+def duration(seconds: float) -> str:
+    """A time as people say it."""
+    for unit, length in (("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0)):
+        if seconds >= 2.0 * length:
+            return f"{seconds / length:.2g} {unit}" if seconds < 1e2 * length else f"{seconds / length:.0f} {unit}"
+    return f"{seconds:.2g} seconds"
+
+
+def print_quantities(read: Scenario) -> None:
+    """Every quantity with its own value; written out plainly, so that names can be copied."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    from maglev_ctrl.scenario.quantity_paths import DEPTH, display_unit, scenario_quantities
+
+    table = Table("quantity", "own value", "what it is")
+    found = scenario_quantities(read)
+    for quantity in found:
+        unit, scale = display_unit(quantity, quantity.value)
+        value = f"{quantity.value * scale:.6g} {unit}".rstrip()
+        if math.isnan(quantity.value):
+            value = "from the sources" if quantity.name == DEPTH else "not set"
+        table.add_row(escape(quantity.name), value, escape(quantity.label))
+    console().print(table)
+    for quantity in found:
+        say_quietly(quantity.name)
+    answer({
+        "quantities": [{"name": one.name, "label": one.label, "unit": one.unit, "value": one.value} for one in found]
+    })  # fmt: skip

@@ -274,6 +274,13 @@ def _sensitivity(margins: Margins) -> tuple[float, str]:
     return (math.inf if value == 0.0 else 1.0 / value), name
 
 
+MARGINS: dict[str, Callable[[Margins], tuple[float, str]]] = {
+    "gain_margin": _gain, "phase_margin": _phase, "delay_margin": _delay, "disk_margin": _disk,
+    "sensitivity_peak": _sensitivity,
+}  # fmt: skip
+"""The least margin of all channels (SI, gain in dB; NaN: UNRESOLVED) and whose it is."""
+
+
 def _smallest(pairs: list[tuple[float, str]]) -> tuple[float, str]:
     for value, name in pairs:
         if math.isnan(value):

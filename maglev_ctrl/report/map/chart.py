@@ -113,7 +113,7 @@ def _panel(
 ) -> tuple[Panel, int]:  # fmt: skip
     """One map and the number of regions without a name in it; the `last` of a row has the scales of its colours."""
     x_limits, y_limits = outer_edges(shown.x), outer_edges(shown.y)
-    items = [*_colours(shown, limits, scales=last)]
+    items = [*grid_colours(shown, limits, scales=last)]
     across, up = boundary(shown)
     if across.size:
         items.append(Line(across, up, "boundary of stability", ON_MAP, "solid", 0.8))
@@ -127,7 +127,7 @@ def _panel(
     return Panel((*items, *more, *names), *axes, title=title), left_out + max(0, len(anchors) - most)
 
 
-def _colours(shown: Picture, limits: tuple[float, float], *, scales: bool) -> list[Item]:
+def grid_colours(shown: Picture, limits: tuple[float, float], *, scales: bool) -> list[Item]:
     """Growth, decay, and the cells that have neither."""
     known = np.isfinite(shown.growth)
     growing, still = shown.where(UNSTABLE) & known, shown.where(STABLE) & known

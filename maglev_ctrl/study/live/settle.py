@@ -66,11 +66,24 @@ def settled(
 
 def judged(scenario: Scenario, check: SweepCheck, margins: MarginPoint) -> tuple[RequirementResult, ...]:
     """Every requirement: at the operating point where it is about one, else NOT EVALUATED."""
-    evidence = Evidence(
+    evidence = _evidence(check, margins)
+    return tuple(_judged(one, evidence) for one in scenario.judged)
+
+
+def judged_here(scenario: Scenario, check: SweepCheck, margins: MarginPoint) -> tuple[RequirementResult, ...]:
+    """The requirements that are about one operating point, as if they were asked of this one alone."""
+    evidence = _evidence(check, margins)
+    return tuple(
+        judge(one.model_copy(update={"over": "nominal"}), evidence)
+        for one in scenario.judged if one.quantity in _AT_THE_POINT
+    )  # fmt: skip
+
+
+def _evidence(check: SweepCheck, margins: MarginPoint) -> Evidence:
+    return Evidence(
         design=check, sweeps={}, sweep_checks={}, margin_points=(margins,), has_loops=margins.reason != NO_LOOPS,
         floquet=None, floquet_reason=IN_THE_REPORT, design_values={},
     )  # fmt: skip
-    return tuple(_judged(one, evidence) for one in scenario.judged)
 
 
 def _judged(requirement: RequirementRecord, evidence: Evidence) -> RequirementResult:

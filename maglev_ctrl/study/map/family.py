@@ -9,13 +9,12 @@ import numpy as np
 from maglev_ctrl.analysis.floquet_margins import scaled_controller
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.errors import ModelError
-from maglev_ctrl.scenario import Scenario
-from maglev_ctrl.scenario.quantity_paths import DEPTH, GAIN, SITUATION, WAVELENGTH, ScenarioQuantity, with_quantity
+from maglev_ctrl.scenario.quantity_paths import DEPTH, GAIN, SITUATION, WAVELENGTH, ScenarioQuantity
 from maglev_ctrl.study.forcing import delays_are_short, element_parts, periodic_system, slowed_vehicle
-from maglev_ctrl.study.law import designed_option
 from maglev_ctrl.study.map.request import MapRequest
 from maglev_ctrl.study.modulation import ScenarioModulation, modulation_of
 from maglev_ctrl.study.situation import OptionModel, Situation
+from maglev_ctrl.study.variants import of_file, varied_option
 from maglev_ctrl.systems import Controller, PeriodicSystem, at_depth
 from maglev_ctrl.vehicle import Vehicle
 
@@ -141,7 +140,7 @@ class OptionFamily:
 
     def _variant(self, values: tuple[tuple[ScenarioQuantity, float], ...]) -> _Variant:
         """The option with values of the file replaced, as far as they change it."""
-        changes = tuple(one for one in values if one[0].path or one[0].name == WAVELENGTH)
+        changes = tuple(one for one in values if of_file(one[0]))
         key = tuple(value for _, value in changes)
         found = self._variants.get(key)
         if found is None:
@@ -151,26 +150,8 @@ class OptionFamily:
         return found
 
     def _varied(self, changes: tuple[tuple[ScenarioQuantity, float], ...]) -> _Variant:
-        scenario = _changed(self.model.scenario, changes)
-        option = self.model.option
-        if option is not None:
-            option = next(record for record in scenario.options if record.name == option.name)
-        model, controller = replace(self.model, scenario=scenario, option=option), self.controller
+        model, controller = varied_option(self.model, self.controller, changes)
         try:
-            if option is not None and any(quantity.of_law for quantity, _ in changes):
-                model, design = designed_option(scenario, option)
-                controller = None if design is None else design.controller
-            return _Variant(model, controller, modulation_of(scenario))
+            return _Variant(model, controller, modulation_of(model.scenario))
         except (ValueError, np.linalg.LinAlgError) as error:
             raise ModelError(str(error)) from None
-
-
-def _changed(scenario: Scenario, changes: tuple[tuple[ScenarioQuantity, float], ...]) -> Scenario:
-    values = tuple(one for one in changes if one[0].path)
-    if values:
-        scenario = with_quantity(scenario, values)
-    lengths = [value for quantity, value in changes if quantity.name == WAVELENGTH]
-    if lengths and scenario.periodic is not None:
-        periodic = scenario.periodic.model_copy(update={"wavelength": lengths[0]})
-        scenario = scenario.model_copy(update={"periodic": periodic})
-    return scenario
