@@ -12,6 +12,7 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent
@@ -27,9 +28,11 @@ HELP = """usage: python3 dev.py VERB [ARGUMENTS]
   lint                      ruff, mypy and the floors of the architecture
   docs                      build the documentation site into docs/_build/html
   validation [TEST FILES]   run the tests that the validation page names, and record what they say for it
+  hold [PART] [--short]     try to break it, and record what happened for the reliability page
   bench [NAME]              run the benchmarks
   setup                     only set up
   ui [SCENARIO]             the workbench page in your browser
+  cluster [N] [PORT]        a Dask cluster of N worker processes on this machine, for sweep --cluster
   report | design ...       everything else is the maglev-ctrl command:
                             python3 dev.py report scenarios/compare/eds_135t.toml
 """
@@ -58,8 +61,12 @@ def main(arguments: list[str]) -> int:
         return build_docs()
     if verb == "validation":
         return run([str(PYTHON), str(ROOT / "docs" / "_ext" / "record_validation.py"), *rest], cwd=ROOT)
+    if verb == "hold":
+        return run([str(PYTHON), str(ROOT / "tests" / "hold" / "hold.py"), *rest], cwd=ROOT)
     if verb == "bench":
         return bench(rest)
+    if verb == "cluster":
+        return cluster(rest)
     return pass_on(arguments)
 
 
@@ -140,6 +147,44 @@ def bench(names: list[str]) -> int:
     if missing:
         return complain(f"no benchmark {missing[0]!r}; there are: {', '.join(known)}")
     return max((run([str(PYTHON), str(known[name])], cwd=ROOT) for name in names or known), default=0)
+
+
+def cluster(arguments: list[str]) -> int:
+    """A scheduler and workers of one thread, for this machine alone, until Ctrl-C; what dies is started again."""
+    try:
+        count, port = (int(value) for value in [*arguments, *[str(os.cpu_count() or 1), "8786"][len(arguments) :]])
+    except ValueError:
+        return complain(f"cluster: expected the number of workers and a port, got {' '.join(arguments)}")
+    if count < 1 or not 1 <= port <= 65535:
+        return complain(f"cluster: expected one worker or more and a port up to 65535, got {count} and {port}")
+    address = f"tcp://127.0.0.1:{port}"
+    threads = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+    quiet = {"DASK_LOGGING__DISTRIBUTED": "warning"}
+    environment = {**os.environ, **threads, **quiet}
+    dask = [str(PYTHON), "-m", "distributed.cli.dask_scheduler"], [str(PYTHON), "-m", "distributed.cli.dask_worker"]
+    place = ["--host", "127.0.0.1", "--no-dashboard"]
+    commands = {
+        "scheduler": [*dask[0], "--port", str(port), *place],
+        "workers": [*dask[1], address, "--nworkers", str(count), "--nthreads", "1", *place],
+    }
+    print(f"Dask cluster of {count} worker(s): --cluster {address}   (Ctrl-C ends it)", flush=True)
+    running: dict[str, subprocess.Popen[bytes]] = {}
+    try:
+        while True:
+            for name, command in commands.items():
+                if name not in running or running[name].poll() is not None:
+                    if name in running:
+                        print(f"the {name} ended with status {running[name].returncode}; started again", flush=True)
+                        time.sleep(1.0)
+                    running[name] = subprocess.Popen(command, env=environment)
+            time.sleep(0.5)
+    except KeyboardInterrupt:
+        return 0
+    finally:
+        for process in running.values():
+            process.terminate()
+        for process in running.values():
+            process.wait()
 
 
 def run(command: list[str], *, cwd: Path | None = None) -> int:

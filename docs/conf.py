@@ -48,6 +48,7 @@ extensions = [
     "scenario_reference",
     "gallery",
     "validation",
+    "reliability",
     "local_only",
 ]
 exclude_patterns = ["_build", "_ext", "**.ipynb_checkpoints", "jupyter_execute"]

@@ -19,7 +19,7 @@ DOCS = ROOT / "docs"
 SKIPPED = {"_build", "_ext", "_static", "images", "jupyter_execute"}
 PAGES = sorted(p for p in DOCS.rglob("*.md") if not SKIPPED & set(p.relative_to(DOCS).parts))
 TEXTS = [ROOT / "README.md", *PAGES]
-DEV_VERBS = {"test", "lint", "docs", "validation", "bench", "setup"}
+DEV_VERBS = {"test", "lint", "docs", "validation", "bench", "setup", "hold", "cluster"}
 
 
 def extension(name: str) -> ModuleType:

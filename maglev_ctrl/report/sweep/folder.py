@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import tempfile
 from pathlib import Path
 from typing import Any, Final
 
@@ -35,14 +34,12 @@ def write_sweep(study: SweepStudy, store: SweepStore, folder: Path) -> tuple[Pat
     ModelError : a block that was kept cannot be read any more
     """
     digest = SweepDigest(study)
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=f".{folder.name}-arrays-", dir=folder.parent) as place:
-        arrays = Path(place) / ARRAYS
-        write_netcdf(arrays, study, store, watch=digest.add)
-        report = sweep_report(digest)
-        page = html(report, {chart.key: svg(chart) for chart in report.charts()})
-        made: dict[str, bytes | Path] = {PAGE: page.encode(), ARRAYS: arrays, SUMMARY: json_text(study).encode()}
-        return write_whole(made, folder)
+    arrays = store.path / ARRAYS  # whatever ends this process, it goes with the store
+    write_netcdf(arrays, study, store, watch=digest.add)
+    report = sweep_report(digest)
+    page = html(report, {chart.key: svg(chart) for chart in report.charts()})
+    made: dict[str, bytes | Path] = {PAGE: page.encode(), ARRAYS: arrays, SUMMARY: json_text(study).encode()}
+    return write_whole(made, folder)
 
 
 def json_text(study: SweepStudy) -> str:

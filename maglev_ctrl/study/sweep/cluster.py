@@ -6,11 +6,12 @@ between its processes, so its workers and its scheduler are trusted ground; see 
 
 from __future__ import annotations
 
+import logging
 import queue
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 from uuid import uuid4
@@ -51,8 +52,13 @@ def on_cluster(
     ------
     ModelError : no scheduler at the address, workers with other code, or the cluster went away and stayed away
     """
+    with _unheard():
+        yield from _all_of(_Fleet(compute, list(blocks)[::-1], say), address, say, patience)
+
+
+def _all_of(fleet: _Fleet, address: str, say: Say, patience: float) -> Iterator[tuple[int, SweepBlock | Lost]]:
+    """Results until all are there, over as many connections as it takes."""
     client: Client | None = _connected(address, first=True)
-    fleet = _Fleet(compute, list(blocks)[::-1], say)
     gone_since: float | None = None
     try:
         while not fleet.done:
@@ -74,6 +80,23 @@ def on_cluster(
     finally:
         fleet.cancel()
         _dismiss(client)
+
+
+@contextmanager
+def _unheard() -> Iterator[None]:
+    """Dask logs every lost connection with its traceback; here they are told in words."""
+    import distributed
+
+    assert distributed is not None  # its import sets the levels
+    loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client", "tornado.application")]
+    before = [one.level for one in loggers]
+    for one in loggers:
+        one.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        for one, level in zip(loggers, before, strict=True):
+            one.setLevel(level)
 
 
 class _Gone(Exception):
@@ -118,6 +141,8 @@ class _Fleet:
                 raise _Gone("the connection broke")
             if time.monotonic() - looked > _LOOK:
                 room, looked = _room(client), time.monotonic()
+                if not room:
+                    self.say("the cluster has no workers; waiting for them")
 
     def _send(self, client: Client, index: int) -> None:
         self.sent += 1
@@ -247,14 +272,14 @@ def _connected(address: str, *, first: bool) -> Client:
 
 
 def _room(client: Client) -> int:
-    """Blocks that may be on their way; workers without a scheduler's word for them are none.
+    """Blocks that may be on their way, some for every thread of the workers.
 
     Raises
     ------
     _Gone : the scheduler does not answer
     """
     try:
-        return max(1, int(sum(client.nthreads().values())) * (1 + _AHEAD))
+        return int(sum(client.nthreads().values())) * (1 + _AHEAD)
     except Exception as fault:
         raise _Gone(_short(fault)) from None
 

@@ -70,9 +70,9 @@ def alone(folder: Path) -> Iterator[None]:
     try:
         yield
     finally:
-        lock.release()
-        with suppress(OSError):
+        with suppress(OSError):  # before it is released: afterwards it may be somebody else's
             (folder / LOCK).unlink()
+        lock.release()
 
 
 @dataclass(frozen=True, eq=False, slots=True)
