@@ -20,6 +20,8 @@ ENVIRONMENT = ROOT / ".venv"
 BIN = ENVIRONMENT / ("Scripts" if os.name == "nt" else "bin")
 PYTHON = BIN / ("python.exe" if os.name == "nt" else "python")
 STAMP = ENVIRONMENT / "maglev-ctrl-setup"
+LOCK = ROOT / "requirements.lock"
+LOCKED = "locked"
 EXTRAS = "test,docs,ui,dist,supply"
 
 HELP = """usage: python3 dev.py VERB [ARGUMENTS]
@@ -30,7 +32,7 @@ HELP = """usage: python3 dev.py VERB [ARGUMENTS]
   validation [TEST FILES]   run the tests that the validation page names, and record what they say for it
   hold [PART] [--short]     try to break it, and record what happened for the reliability page
   bench [NAME]              run the benchmarks
-  setup                     only set up
+  setup [--locked]          only set up; with --locked exactly what requirements.lock names, each file with its hash
   ui [SCENARIO]             the workbench page in your browser
   cluster [N] [PORT]        a Dask cluster of N worker processes on this machine, for sweep --cluster
   report | design ...       everything else is the maglev-ctrl command:
@@ -46,10 +48,12 @@ def main(arguments: list[str]) -> int:
     if not arguments or arguments[0] in ("-h", "--help", "help"):
         print(HELP)
         return 0
-    problem = set_up()
+    verb, rest = arguments[0], arguments[1:]
+    if verb == "setup" and rest not in ([], ["--locked"]):
+        return complain(f"setup: expected nothing or --locked, got {' '.join(rest)}")
+    problem = set_up(locked=verb == "setup" and bool(rest))
     if problem:
         return complain(problem)
-    verb, rest = arguments[0], arguments[1:]
     # No match statement: an older Python must get as far as the sentence above.
     if verb == "setup":
         return 0
@@ -70,31 +74,39 @@ def main(arguments: list[str]) -> int:
     return pass_on(arguments)
 
 
-def set_up() -> str:
-    """Create the environment unless the project's requirements are the ones installed; a problem in words, or ''."""
-    if STAMP.exists() and STAMP.read_text(encoding="utf-8") == wanted():
+def set_up(*, locked: bool = False) -> str:
+    """Create the environment unless the project's requirements are the ones installed; a problem in words, or ''.
+
+    One that was locked stays so until pyproject.toml or the lock changes; then `setup --locked` is asked for again.
+    """
+    found = STAMP.read_text(encoding="utf-8") if STAMP.exists() else ""
+    if found == wanted(locked=True) or (not locked and found == wanted()):
         return ""
+    if not locked and found.endswith(LOCKED):
+        return "the requirements have changed since this environment was locked: run `python3 dev.py setup --locked`"
     print("maglev_ctrl: setting up (once) ...", file=sys.stderr, flush=True)
     uv = shutil.which("uv")
     if uv:
         environment = {**os.environ, "UV_PROJECT_ENVIRONMENT": str(ENVIRONMENT), "VIRTUAL_ENV": str(ENVIRONMENT)}
-        steps = [
-            [uv, "venv", "--quiet", "--allow-existing", "--python", sys.executable, str(ENVIRONMENT)],
-            [uv, "pip", "install", "--quiet", "--compile-bytecode", "--editable", f"{ROOT}[{EXTRAS}]"],
-        ]
+        steps = [[uv, "venv", "--quiet", "--allow-existing", "--python", sys.executable, str(ENVIRONMENT)]]
+        install = [uv, "pip", "install", "--quiet", "--compile-bytecode"]
+        exactly = [uv, "pip", "sync", "--quiet", "--compile-bytecode", "--require-hashes", str(LOCK)]
     else:
         problem = make_environment()
         if problem:
             return problem
         environment = dict(os.environ)
-        steps = [
-            [str(PYTHON), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--editable",
-             f"{ROOT}[{EXTRAS}]"]
-        ]  # fmt: skip
+        steps = []
+        install = [str(PYTHON), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+        exactly = [*install, "--require-hashes", "--no-deps", "--requirement", str(LOCK)]
+    if locked:  # what builds the package is in the lock as well
+        steps += [exactly, [*install, "--no-deps", "--no-build-isolation", "--editable", str(ROOT)]]
+    else:
+        steps += [[*install, "--editable", f"{ROOT}[{EXTRAS}]"]]
     for step in steps:
         if subprocess.run(step, env=environment, check=False).returncode != 0:
             return f"set-up failed at: {' '.join(step)}"
-    STAMP.write_text(wanted(), encoding="utf-8")
+    STAMP.write_text(wanted(locked=locked), encoding="utf-8")
     return ""
 
 
@@ -114,10 +126,12 @@ def make_environment() -> str:
     return "" if done.returncode == 0 else f"could not create {ENVIRONMENT}"
 
 
-def wanted() -> str:
-    """What the environment must match: the requirements, this Python, this place."""
+def wanted(*, locked: bool = False) -> str:
+    """What the environment must match: the requirements, this Python, this place; and the lock, where it is held to."""
     digest = hashlib.sha256((ROOT / "pyproject.toml").read_bytes()).hexdigest()
-    return f"{digest} {sys.version_info[:2]} {ROOT} {EXTRAS}"
+    if locked and LOCK.exists():
+        digest = hashlib.sha256(digest.encode() + LOCK.read_bytes()).hexdigest()
+    return f"{digest} {sys.version_info[:2]} {ROOT} {LOCKED if locked else EXTRAS}"
 
 
 def lint() -> int:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import os
 import sys
-import tempfile
 import zipfile
 from collections.abc import Callable
 from contextlib import suppress
@@ -22,14 +22,15 @@ from maglev_ctrl.arrays import read_only
 from maglev_ctrl.fields.coil import RectangularCoil
 from maglev_ctrl.fields.response import GuidewayResponse
 from maglev_ctrl.fields.section import CrossSection
+from maglev_ctrl.files import clear_leftovers, put_file
 from maglev_ctrl.forces.base import Domain
 from maglev_ctrl.forces.eddy_current import FINENESS, Accuracy
 from maglev_ctrl.forces.force_map import ForceMap, LogAxis, MapQuality
+from maglev_ctrl.study.array_file import load_arrays
 
 FOLDER: Final = "MAGLEV_CTRL_CACHE"
 """Environment variable that names the cache's folder."""
 _FORMAT: Final = 1
-_SIZE_LIMIT: Final = 2**29
 _METHOD: Final = (
     ("fields", ("coil", "delaunay", "discretize", "mesh", "polygon", "response", "section", "solve", "wavenumbers")),
     ("forces", ("eddy_current", "force_map")),
@@ -175,27 +176,19 @@ def _file(kind: str, key: str) -> Path:
 
 
 def _keep(kind: str, key: str, **arrays: Any) -> None:
-    """Write beside and move into place, so that a reader never meets half a file."""
+    """A reader never meets half a file; one that a power cut emptied is found out and computed anew."""
+    content = io.BytesIO()
+    np.savez(content, allow_pickle=False, key=np.array(key), **arrays)
     target = _file(kind, key)
     with suppress(OSError):
-        target.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=".eddy-current-", suffix=".npz", dir=target.parent)
-        try:
-            with os.fdopen(handle, "wb") as stream:
-                np.savez(stream, allow_pickle=False, key=np.array(key), **arrays)
-            Path(name).replace(target)
-        except BaseException:
-            Path(name).unlink(missing_ok=True)
-            raise
+        put_file(target, content.getvalue(), durable=False)
+        clear_leftovers(target.parent)
 
 
 def _kept(kind: str, key: str, read: Callable[[dict[str, np.ndarray[Any, Any]]], Kept]) -> Kept | None:
     target = _file(kind, key)
     try:
-        if target.stat().st_size > _SIZE_LIMIT:
-            return None
-        with target.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
-            data = {name: stored[name] for name in stored.files}
+        data = load_arrays(target)
         if str(data.pop("key")) != key or any(not _is_number_array(values) for values in data.values()):
             return None
         return read(data)

@@ -16,7 +16,7 @@ import pytest
 import report_fixture
 
 from maglev_ctrl.errors import Verdict
-from maglev_ctrl.report import charts_modes, document, write
+from maglev_ctrl.report import charts_modes, document, swap, write
 from maglev_ctrl.report.content import report_model
 from maglev_ctrl.report.interactive import unpacked
 from maglev_ctrl.report.schema import SCHEMA
@@ -204,13 +204,11 @@ def test_an_interrupt_while_moving_leaves_the_earlier_report_alone(
     folder.mkdir()
     for name in ("report.html", "report.pdf"):
         (folder / name).write_text("earlier")
-    rename = Path.rename
 
     def interrupted(self: Path, target: Path) -> Path:
-        if self.name == "report.json":
-            raise KeyboardInterrupt
-        return rename(self, target)
+        raise KeyboardInterrupt
 
+    monkeypatch.setattr(swap, "_exchange", interrupted)
     monkeypatch.setattr(Path, "rename", interrupted)
     with pytest.raises(KeyboardInterrupt):
         write(comparison, folder, formats=("json",))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import os
 import shutil
 from collections.abc import Mapping
 from contextlib import suppress
@@ -17,12 +16,15 @@ import numpy as np
 
 from maglev_ctrl._version import __version__
 from maglev_ctrl.arrays import FloatArray
+from maglev_ctrl.files import put_file
 from maglev_ctrl.scenario import Scenario
+from maglev_ctrl.study.array_file import load_arrays
 from maglev_ctrl.study.map.request import AxisRange, MapRequest
 
 FOLDER: Final = ".map-part"
-_FORMAT = 1
+_FORMAT = 2
 _REACHED = "reached"
+_KEY = "kept under"  # in every file: one that was moved under another name is not taken
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +39,12 @@ class FolderStore:
         """The arrays kept under a name; None when there are none."""
         file = self._file(key)
         try:
-            with file.open("rb") as stream, np.load(stream, allow_pickle=False) as kept:
-                return {name: kept[name] for name in kept.files}
+            kept = load_arrays(file)
+            if str(kept.pop(_KEY)) != key:
+                raise ValueError("another part's file under this name")
+            if any(values.dtype.kind not in "biufc" for values in kept.values()):
+                raise ValueError("expected numbers")
+            return kept
         except FileNotFoundError:
             return None
         except Exception:  # a damaged archive may raise anything
@@ -49,7 +55,7 @@ class FolderStore:
     def put(self, key: str, arrays: Mapping[str, FloatArray]) -> None:
         """Keep arrays under a name, as a whole or not at all."""
         buffer = io.BytesIO()
-        np.savez(buffer, allow_pickle=False, **arrays)
+        np.savez(buffer, allow_pickle=False, **{_KEY: np.array(key), **arrays})
         self._write(self._file(key), buffer.getvalue())
 
     def reach(self, share: float) -> None:
@@ -68,13 +74,10 @@ class FolderStore:
         return self.folder / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.npz"
 
     def _write(self, file: Path, content: bytes) -> None:
-        self.folder.mkdir(parents=True, exist_ok=True)
-        partial = file.with_name(f".{file.name}.{os.getpid()}")
         try:
-            partial.write_bytes(content)
-            partial.replace(file)
-        finally:
-            partial.unlink(missing_ok=True)
+            put_file(file, content, durable=False)
+        except FileNotFoundError:  # the folder around it has just been exchanged for one with new results
+            put_file(file, content, durable=False)
 
 
 @dataclass(frozen=True, slots=True)
