@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import logging
 import queue
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -17,9 +16,10 @@ from typing import TYPE_CHECKING, Any, Final
 from uuid import uuid4
 
 from maglev_ctrl.errors import ModelError
-from maglev_ctrl.study.sweep.identity import WORDS, code_identity
+from maglev_ctrl.study.sweep.identity import code_identity
 from maglev_ctrl.study.sweep.local import ATTEMPTS, Compute
 from maglev_ctrl.study.sweep.records import SweepBlock
+from maglev_ctrl.study.sweep.worker import Prepared, Refused, compute_block, differences
 from maglev_ctrl.study.workers import Lost
 
 if TYPE_CHECKING:
@@ -31,8 +31,6 @@ _CONNECT = 10.0  # s for one attempt
 _AHEAD = 2  # blocks at a worker beside the one it computes
 _LOOK = 1.0  # s between two looks at the cluster
 _FETCH = 60.0  # s for a result to come over the network
-_TASKS: dict[str, Compute] = {}
-"""In a worker: what it computes, by the name of the sweep."""
 Say = Callable[[str], None]
 
 
@@ -148,7 +146,7 @@ class _Fleet:
         self.sent += 1
         key = f"maglev-ctrl-{self.name}-{index}-{self.sent}"
         try:
-            future = client.submit(_compute, self.name, index, key=key, pure=False)
+            future = client.submit(compute_block, self.name, index, key=key, pure=False)
         except Exception as fault:  # a client that is closing may raise anything
             self.waiting.append(index)
             raise _Gone(_short(fault)) from None
@@ -162,7 +160,7 @@ class _Fleet:
             return
         try:
             found = future.result(timeout=_FETCH)
-        except _Refused as fault:
+        except Refused as fault:
             raise ModelError(str(fault)) from None
         except Exception as fault:  # the worker died with it, or on the way; Dask tells in many ways
             self.lost[index] = self.lost.get(index, 0) + 1
@@ -187,19 +185,6 @@ class _Fleet:
                 future.release()
 
 
-class _Refused(Exception):
-    """A worker that must not take part."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Prepared:
-    """What every worker of the sweep is given before its first block, those that come later too."""
-
-    name: str
-    compute: Compute
-    code: dict[str, str]
-
-
 def _prepare(client: Client, name: str, compute: Compute) -> None:
     """Give the task to every worker there is and every one that comes; none with other code takes part.
 
@@ -211,8 +196,8 @@ def _prepare(client: Client, name: str, compute: Compute) -> None:
     from maglev_ctrl.study.sweep.plugin import TaskPlugin
 
     try:
-        refused = client.run(_differences, code_identity(), on_error="return")
-        client.register_plugin(TaskPlugin(_Prepared(name, compute, code_identity())), name=f"maglev-ctrl-{name}")
+        refused = client.run(differences, code_identity(), on_error="return")
+        client.register_plugin(TaskPlugin(Prepared(name, compute, code_identity())), name=f"maglev-ctrl-{name}")
     except (OSError, TimeoutError) as fault:
         raise _Gone(_short(fault)) from None
     except Exception as fault:
@@ -223,39 +208,6 @@ def _prepare(client: Client, name: str, compute: Compute) -> None:
         if told and not isinstance(told, OSError):
             words = told if isinstance(told, str) else f"cannot load maglev_ctrl ({_short(told)})"
             raise ModelError(f"worker {worker} {words}; install the same version on every machine")
-
-
-def _differences(wanted: dict[str, str]) -> str:
-    """In a worker: what differs from the code that asks."""
-    here = code_identity()
-    other = [WORDS[name] for name in wanted if here.get(name) != wanted[name]]
-    return f"differs in {' and '.join(other)}" if other else ""
-
-
-def take(prepared: _Prepared) -> None:
-    """In a worker: be ready for the blocks of a sweep."""
-    from threadpoolctl import threadpool_limits
-
-    threadpool_limits(limits=1)
-    _TASKS[prepared.name] = prepared.compute if not _differences(prepared.code) else _refuse
-
-
-def forget(prepared: _Prepared) -> None:
-    """In a worker: the sweep is over."""
-    _TASKS.pop(prepared.name, None)
-
-
-def _refuse(index: int) -> SweepBlock:
-    raise _Refused("a worker that came later has other code; install the same version on every machine")
-
-
-_BUSY = threading.Lock()
-
-
-def _compute(name: str, index: int) -> SweepBlock:
-    """In a worker: one block. Blocks of one process go one after another: they share what it has designed."""
-    with _BUSY:
-        return _TASKS[name](index)
 
 
 def _connected(address: str, *, first: bool) -> Client:

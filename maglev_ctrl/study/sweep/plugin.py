@@ -6,19 +6,19 @@ from typing import Any
 
 from distributed import WorkerPlugin
 
-from maglev_ctrl.study.sweep import cluster
+from maglev_ctrl.study.sweep import worker as worker_side
 
 
 class TaskPlugin(WorkerPlugin):  # type: ignore[misc]
     """Makes a worker ready for the blocks of one sweep, and ready for others afterwards."""
 
-    def __init__(self, prepared: cluster._Prepared) -> None:
+    def __init__(self, prepared: worker_side.Prepared) -> None:
         self.prepared = prepared
 
     def setup(self, worker: Any) -> None:
         """Called by Dask on every worker, those that come later too."""
-        cluster.take(self.prepared)
+        worker_side.take(self.prepared)
 
     def teardown(self, worker: Any) -> None:
         """Called by Dask when the sweep is over."""
-        cluster.forget(self.prepared)
+        worker_side.forget(self.prepared)
