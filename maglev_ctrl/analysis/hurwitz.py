@@ -16,6 +16,7 @@ import numpy as np
 import scipy.linalg
 
 from maglev_ctrl.arrays import ComplexArray, FloatArray
+from maglev_ctrl.kernels import balance, rescale
 
 ROUNDOFF = float(np.finfo(np.float64).eps)
 
@@ -58,7 +59,7 @@ def lyapunov_inertia(A: FloatArray, *, shift: float = 0.0) -> InertiaCertificate
     if A.ndim != 2 or A.shape[0] != A.shape[1] or not A.size or not np.all(np.isfinite(A)):
         raise ValueError(f"A: expected one square matrix of finite numbers, got shape {A.shape}")
     # The shift comes after balancing: a similarity by powers of two is exact, a shift before it is not.
-    balanced = scipy.linalg.matrix_balance(A, permute=False)[0]
+    balanced = rescale(A, balance(A))
     shifted = balanced - shift * np.eye(len(A))
     first = _by_equation(shifted, shift)
     if first.certified:

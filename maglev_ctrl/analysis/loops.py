@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import ArrayLike
 
 from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only
+from maglev_ctrl.kernels import balance
 from maglev_ctrl.systems import Controller, SecondOrderSystem, loop_matrices
 
 
@@ -147,8 +147,7 @@ def state_scales(A: FloatArray, B: FloatArray, C: FloatArray) -> FloatArray:
     joined[:n, :n], joined[:n, n : n + m], joined[n + m :, :n] = A, B, C
     for i in range(min(m, p)):  # tie input i to output i, so that neither is free to absorb the whole scale
         joined[n + i, n + m + i] = 1.0
-    _, (scale, _) = scipy.linalg.matrix_balance(joined, permute=False, separate=True)
-    state: FloatArray = np.asarray(scale[:n], dtype=np.float64)
+    state = balance(joined)[:n]
     b, c = np.linalg.norm(B / state[:, None]), np.linalg.norm(C * state)
     if b > 0.0 and c > 0.0:
         state = state * 2.0 ** np.round(0.5 * np.log2(b / c))

@@ -25,6 +25,20 @@ def minimal_part(A: FloatArray, B: FloatArray, C: FloatArray) -> tuple[FloatArra
     return seen.T @ A @ seen, seen.T @ B, C @ seen
 
 
+def linked_states(A: FloatArray, B: FloatArray, C: FloatArray) -> int:
+    """How many states inputs reach and outputs see through entries that are not zero: no more can matter.
+
+    Examples
+    --------
+    >>> linked_states(np.diag([-1.0, 0.0]), np.array([[1.0], [0.0]]), np.array([[1.0, 1.0]]))
+    1
+    """
+    links, moved, seen = A != 0.0, np.any(B != 0.0, axis=1), np.any(C != 0.0, axis=0)
+    for _ in range(len(A)):
+        moved, seen = moved | np.any(links & moved, axis=1), seen | np.any(links & seen[:, None], axis=0)
+    return int(np.sum(moved & seen))
+
+
 def reachable_basis(A: FloatArray, B: FloatArray) -> FloatArray:
     """Orthonormal basis (n, k) of the smallest A-invariant subspace that holds the columns of B, by a staircase.
 

@@ -17,9 +17,9 @@ from maglev_ctrl.kernels.spectral_radius import RadiusEngine, leading_eigenvalue
 from maglev_ctrl.kernels.taylor_many import monodromy_many
 
 _NEUTRAL = 1e-6  # |largest Re eigenvalue of A_0| times the period below which a point counts as undamped
-_NOISE = 1e-7  # growth per period that rounding can feign at the edge of an undamped tongue
 _STRIDE = 4  # conditions of the leading multiplier are computed at every fourth pixel, and wherever they decide
 _MARGIN = 4.0  # conditions between those pixels may be this much larger
+_APART = 1e-9  # error per period up to which the multipliers of an undamped system are simple
 _ROUGH = 1e-5  # error per period that even a nearly defective multiplier keeps with the accuracy of a series
 _ENGINE = 1e-10  # relative error that moduli found without eigenvalues may have
 _BATCH = 256
@@ -75,19 +75,21 @@ def conditions(matrices: FloatArray, multiplier: ComplexArray, relative: FloatAr
 
 
 def judge(growth: FloatArray, error: FloatArray, neutral: NDArray[np.bool_], period: FloatArray) -> NDArray[np.int8]:
-    """State of each pixel; an undamped system is not called unstable for growth that rounding can feign.
+    """State of each pixel; of an undamped system, growth within a small error bound is no growth.
+
+    Simple multipliers of an undamped system stay on the circle; where two of them meet, at the edge of a tongue, the
+    error bound tells, and nothing is decided.
 
     Examples
     --------
-    >>> growth, error = np.array([0.1, 1e-9, 1e-9]), np.array([1e-8, 1e-8, 1e-8])
+    >>> growth, error = np.array([0.1, 1e-12, 1e-12]), np.array([1e-10, 1e-10, 1e-10])
     >>> judge(growth, error, np.array([False, False, True]), np.ones(3)).tolist()
     [1, 0, -1]
     """
     state = np.full(growth.shape, UNRESOLVED, dtype=np.int8)
     state[growth > error] = UNSTABLE
     state[growth < -error] = STABLE
-    level = np.maximum(_NOISE / period, error)
-    state[neutral & (np.abs(growth) <= level)] = STABLE
+    state[neutral & (np.abs(growth) <= error) & (error * period <= _APART)] = STABLE
     state[~np.isfinite(growth)] = NO_ANSWER
     return state
 

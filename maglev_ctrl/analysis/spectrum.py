@@ -22,10 +22,12 @@ from numpy.typing import NDArray
 
 from maglev_ctrl.arrays import ComplexArray, FloatArray, join_columns, join_rows, read_only_any
 from maglev_ctrl.errors import ModelError
+from maglev_ctrl.kernels import balance, rescale
 from maglev_ctrl.systems import SecondOrderSystem
 
 UNIT_ROUNDOFF = float(np.finfo(np.float64).eps)
 SAFETY = 8.0
+SINGULAR = "mass matrix: singular to working precision, so accelerations are not determined"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -113,15 +115,16 @@ def spectrum(A: FloatArray, *, E: FloatArray | None = None, relative_data_error:
         raise ValueError("A: every entry must be finite")
     E = np.eye(len(A)) if E is None else np.asarray(E, dtype=np.float64)
     try:
-        state = np.linalg.solve(E, A)
+        state: FloatArray = np.asarray(np.linalg.solve(E, A), dtype=np.float64)
     except np.linalg.LinAlgError as fault:
-        raise ModelError("mass matrix: singular, so accelerations are not determined") from fault
+        raise ModelError(SINGULAR) from fault
     unit = UNIT_ROUNDOFF + relative_data_error
-    balanced, (scale, _) = scipy.linalg.matrix_balance(state, permute=False, separate=True)
+    scale = balance(state)
+    balanced = rescale(state, scale)
     decomposition: tuple[Any, ...] = scipy.linalg.eig(balanced, left=True, right=True)
     s, left, right = (np.asarray(part, dtype=np.complex128) for part in decomposition)
     overlap = np.abs(np.sum(left.conj() * right, axis=0))
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", over="ignore"):
         condition = 1.0 / overlap
     discs, clusters = _discs(s, condition, float(np.linalg.norm(balanced, 2)) * unit, unit)
     bound, clustered = _cluster_bounds(s, discs, clusters)
@@ -135,8 +138,9 @@ def spectrum(A: FloatArray, *, E: FloatArray | None = None, relative_data_error:
     final = np.where(lone, floor + np.where(lone, measured, 0.0), np.maximum(bound[keep], floor * ~clustered[keep]))
     final = np.maximum(final, unit * np.abs(s_kept))
     x_state, y_state = x * scale[:, None], left[:, keep] / scale[:, None]
-    product = np.sum(y_state.conj() * x_state, axis=0)
-    y_state = y_state / np.where(product == 0.0, 1.0, product).conj()
+    with np.errstate(over="ignore", invalid="ignore"):  # a defective eigenvalue has no left vector of that length
+        product = np.sum(y_state.conj() * x_state, axis=0)
+        y_state = y_state / np.where(product == 0.0, 1.0, product).conj()
     return Spectrum(*(read_only_any(a) for a in (s_kept, x_state, y_state, condition[keep], final, clustered[keep])))
 
 
@@ -228,7 +232,10 @@ def _newton_step(E: FloatArray, A: FloatArray, s: ComplexArray, x: ComplexArray)
 
 def _componentwise(E: FloatArray, A: FloatArray, s: ComplexArray, x: ComplexArray, left: ComplexArray) -> FloatArray:
     """|y|^T (|s||E| + |A|) |x| / |y^H E x|, y the left vector of the pencil; (m,)."""
-    y = np.linalg.solve(E.T, left)
+    try:
+        y = np.linalg.solve(E.T, left)
+    except np.linalg.LinAlgError as fault:  # next to singular: of E and its transpose, one may be caught
+        raise ModelError(SINGULAR) from fault
     size_x, size_y = np.abs(x), np.abs(y)
     weight = np.sum(size_y * (np.abs(E) @ size_x), axis=0) * np.abs(s) + np.sum(size_y * (np.abs(A) @ size_x), axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):

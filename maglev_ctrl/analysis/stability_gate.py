@@ -13,7 +13,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 
 from maglev_ctrl.analysis.delay_line import delay_line, sufficient_order
 from maglev_ctrl.analysis.hamiltonian import (
@@ -26,6 +25,7 @@ from maglev_ctrl.analysis.loops import Loop, balanced, sensitivity_at
 from maglev_ctrl.analysis.replay import pole_near
 from maglev_ctrl.arrays import ComplexArray, FloatArray
 from maglev_ctrl.errors import ModelError, NotStable
+from maglev_ctrl.kernels import balance
 
 _LINE_ERROR = 1e-7
 _LOW_GAIN = 0.1
@@ -247,5 +247,4 @@ def _channel_scales(loop: Loop) -> FloatArray:
     n = loop.A.shape[0]
     plain = loop.D + loop.C @ np.linalg.solve(1j * frequencies[:, None, None] * np.eye(n) - loop.A, loop.B + 0j)
     size = np.max(np.abs(plain), axis=0) + 1e-300
-    _, (scale, _) = scipy.linalg.matrix_balance(size, permute=False, separate=True)
-    return np.asarray(scale, dtype=np.float64)
+    return balance(size)

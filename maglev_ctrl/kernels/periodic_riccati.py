@@ -12,9 +12,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import matrix_balance
 
 from maglev_ctrl.arrays import ComplexArray, FloatArray, join_columns, join_rows, transpose
+from maglev_ctrl.kernels import scaling
 from maglev_ctrl.kernels.fourier_matrix import FourierMatrix
 from maglev_ctrl.kernels.periodic_qr import periodic_multipliers
 from maglev_ctrl.kernels.scaling import balance, eigen_triplets, rescale
@@ -228,7 +228,7 @@ def _scaled(A: FourierMatrix, G: FourierMatrix, Q: FourierMatrix) -> _Scaled:
     if np.any(strong) and np.any(heavy):
         magnitude = np.block([[A.magnitude(), strong], [heavy, A.magnitude().T]])
         np.fill_diagonal(magnitude, 0.0)
-        _, (found, _) = matrix_balance(magnitude, separate=True, permute=False)
+        found = scaling.balance(magnitude)
         states = np.exp2(np.round(0.5 * np.log2(found[:n] / found[n:])))
     else:
         states = balance(A.magnitude())

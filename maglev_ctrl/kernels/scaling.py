@@ -7,6 +7,8 @@ from scipy import linalg
 
 from maglev_ctrl.arrays import ComplexArray, FloatArray
 
+LARGEST_SCALE = 2.0**300  # of a triangular matrix LAPACK's scales run away until they overflow; this far is enough
+
 
 def balance(magnitude: FloatArray) -> FloatArray:
     """Scales d (powers of two) such that diag(1/d) A diag(d) has rows and columns of like size.
@@ -21,8 +23,10 @@ def balance(magnitude: FloatArray) -> FloatArray:
     >>> float(d[1] / d[0])
     1024.0
     """
-    _, (scale, _) = linalg.matrix_balance(np.asarray(magnitude, dtype=np.float64), permute=False, separate=True)
-    return np.asarray(scale, dtype=np.float64)
+    # SciPy casts the scales to whole numbers on its way, though nobody asked for the permutation they might hold.
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        _, (scale, _) = linalg.matrix_balance(np.asarray(magnitude, dtype=np.float64), permute=False, separate=True)
+    return np.asarray(np.clip(scale, 1.0 / LARGEST_SCALE, LARGEST_SCALE), dtype=np.float64)
 
 
 def rescale(matrix: FloatArray, scale: FloatArray) -> FloatArray:

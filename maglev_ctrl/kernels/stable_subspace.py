@@ -10,9 +10,10 @@ import warnings
 
 import numpy as np
 from numpy.linalg import LinAlgError
-from scipy.linalg import matrix_balance, schur, solve_continuous_lyapunov
+from scipy.linalg import schur, solve_continuous_lyapunov
 
 from maglev_ctrl.arrays import ComplexArray, FloatArray
+from maglev_ctrl.kernels import scaling
 
 
 def stabilising_solution(F: FloatArray, G: FloatArray, Q: FloatArray) -> FloatArray | None:
@@ -47,7 +48,7 @@ def balanced_hamiltonian(
     magnitude = np.abs(np.block([[F, G], [weight, F.T]]))
     np.fill_diagonal(magnitude, 0.0)
     with np.errstate(invalid="ignore"):  # its permutation, not used, is cast to integers
-        _, (balance, _) = matrix_balance(magnitude, separate=True, permute=False)
+        balance = scaling.balance(magnitude)
     states = np.exp2(np.round(0.5 * np.log2(balance[:n] / balance[n:])))
     G_s, Q_s, F_s = G / np.outer(states, states), Q * np.outer(states, states), F * states / states[:, None]
     strong, heavy = float(np.linalg.norm(G_s)), float(np.linalg.norm(weight * np.outer(states, states)))

@@ -12,6 +12,7 @@ import numpy as np
 import scipy.linalg
 
 from maglev_ctrl.arrays import FloatArray
+from maglev_ctrl.kernels import scaling
 from maglev_ctrl.kernels.stable_subspace import stabilising_solution
 
 NOISE = 1e-20
@@ -22,7 +23,7 @@ def balance(A: FloatArray) -> FloatArray:
     """Powers of two t such that diag(1/t) A diag(t) has rows and columns of like size."""
     if not len(A):
         return np.ones(0)
-    scale = scipy.linalg.matrix_balance(A, permute=False, separate=True)[1][0]
+    scale = scaling.balance(A)
     return np.asarray(np.exp2(np.round(np.log2(scale))), dtype=float)
 
 

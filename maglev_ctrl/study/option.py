@@ -12,10 +12,10 @@ from maglev_ctrl.analysis.margin_sites import MarginSites, margin_sites
 from maglev_ctrl.analysis.margins import Margins, loop_margins
 from maglev_ctrl.analysis.modes import modes
 from maglev_ctrl.analysis.robustness.records import WorstCase
-from maglev_ctrl.errors import MaglevError, ModelError, NotStable, OutOfDomain
 from maglev_ctrl.scenario import OptionRecord, Scenario, describe_option
 from maglev_ctrl.study.delays import settled_modes
 from maglev_ctrl.study.evidence import Evidence, MarginPoint, SweepCheck
+from maglev_ctrl.study.faults import sentence
 from maglev_ctrl.study.law import delayed_certificate, designed_option
 from maglev_ctrl.study.loops import nyquist_curves, option_loops, root_locus
 from maglev_ctrl.study.nonlinear.records import NonlinearStudy
@@ -54,8 +54,8 @@ def study_option(scenario: Scenario, option: OptionRecord, *, step: Step = lambd
     )  # fmt: skip
     try:
         done = _study(scenario, option, blank, step)
-    except (MaglevError, ValueError, np.linalg.LinAlgError) as fault:
-        reason = f"{fault}"
+    except Exception as fault:  # whatever it is, the other options go on
+        reason = sentence(fault)
         refused = tuple(not_evaluated(requirement, reason) for requirement in scenario.judged)
         done = replace(blank, failure=reason, requirements=refused)
     return replace(done, seconds=time.perf_counter() - started)
@@ -180,8 +180,8 @@ def _margin_point(where: str, model: OptionModel, controller: Controller | None,
     try:
         loops = option_loops(model, situation, controller)
         found: Margins | None = loop_margins(loops.loop()) if loops else None
-    except (NotStable, ModelError, OutOfDomain, np.linalg.LinAlgError) as fault:
-        return MarginPoint(where, None, f"{fault}")
+    except Exception as fault:
+        return MarginPoint(where, None, sentence(fault))
     return MarginPoint(where, found, "")
 
 
@@ -190,8 +190,8 @@ def _periodic(model: OptionModel, controller: Controller | None) -> tuple[Floque
         return None, "the scenario describes no periodic forcing"
     try:
         return floquet_study(model, controller), ""
-    except (MaglevError, ValueError, np.linalg.LinAlgError) as fault:
-        return None, f"{fault}"
+    except Exception as fault:
+        return None, sentence(fault)
 
 
 def _ride(model: OptionModel, controller: Controller | None) -> tuple[RideStudy | None, str]:
@@ -199,8 +199,8 @@ def _ride(model: OptionModel, controller: Controller | None) -> tuple[RideStudy 
         return None, "the scenario describes no irregularity of the guideway"
     try:
         return ride_study(model, controller), ""
-    except (MaglevError, ValueError, ArithmeticError, np.linalg.LinAlgError) as fault:
-        return None, f"{fault}"
+    except Exception as fault:
+        return None, sentence(fault)
 
 
 def _robustness(model: OptionModel, controller: Controller | None) -> tuple[WorstCase | None, str]:
@@ -208,8 +208,8 @@ def _robustness(model: OptionModel, controller: Controller | None) -> tuple[Wors
         return None, "the scenario describes no uncertainty"
     try:
         return robustness_study(model, controller), ""
-    except (MaglevError, ValueError, np.linalg.LinAlgError) as fault:
-        return None, f"{fault}"
+    except Exception as fault:
+        return None, sentence(fault)
 
 
 def _nonlinear(model: OptionModel, controller: Controller | None, step: Step) -> tuple[NonlinearStudy | None, str]:
@@ -218,8 +218,8 @@ def _nonlinear(model: OptionModel, controller: Controller | None, step: Step) ->
         return None, ""
     try:
         study, _ = nonlinear_study(model, controller, request, step=lambda what: step(f"simulation: {what}"))
-    except (MaglevError, ValueError, np.linalg.LinAlgError) as fault:
-        return None, f"{fault}"
+    except Exception as fault:
+        return None, sentence(fault)
     return study, ""
 
 
@@ -231,7 +231,8 @@ def _margin_sites(model: OptionModel, controller: Controller | None) -> MarginSi
     law = model.law_at(design, controller)
     try:
         return None if law is None else margin_sites(model.plant(design), law)
-    except (NotStable, ModelError, OutOfDomain, ValueError, np.linalg.LinAlgError):
+    except Exception as fault:
+        sentence(fault)  # a warning made an error passes
         return None  # the margins at the commands say why
 
 

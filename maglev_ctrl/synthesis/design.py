@@ -8,12 +8,13 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy.linalg import matrix_balance, solve_continuous_lyapunov
+from scipy.linalg import solve_continuous_lyapunov
 from scipy.optimize import linear_sum_assignment
 
 from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only_any
 from maglev_ctrl.display import Shown
 from maglev_ctrl.errors import Agreement, ModelError, NotStable, Status
+from maglev_ctrl.kernels import scaling
 from maglev_ctrl.synthesis.extended import Extended
 from maglev_ctrl.synthesis.result import Synthesis
 from maglev_ctrl.synthesis.riccati import RiccatiSolution
@@ -175,7 +176,7 @@ def lyapunov_proof(A: FloatArray) -> tuple[bool, float]:
     >>> lyapunov_proof(np.array([[0.1]]))[0]
     False
     """
-    balanced: FloatArray = np.asarray(matrix_balance(A, permute=False)[0], dtype=float)
+    balanced = scaling.rescale(A, scaling.balance(A))
     one = np.eye(A.shape[0])
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("error")  # the solver warns where poles mirror each other: nothing is proven then

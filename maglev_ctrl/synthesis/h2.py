@@ -133,10 +133,9 @@ def _design(law: str, plant: Plant, *, output: bool) -> H2Design:
             made = [(share, one) for share, one in solved if one is not None]
     except ModelError as error:
         return _none(law, plant, Status.INFEASIBLE, str(error))
-    except LinAlgError:
-        return _none(
-            law, plant, Status.NUMERICAL_ERROR, "the algebra of the law is singular: change the plant a little"
-        )
+    except LinAlgError as fault:
+        told = f"the algebra of the law failed ({fault}): change the plant a little"
+        return _none(law, plant, Status.NUMERICAL_ERROR, told)
     if not made:
         return _none(law, plant, Status.NUMERICAL_ERROR, "the Riccati equations were not solved: rescale the plant")
     told = ", ".join(f"{one.optimum:.7g} at {size:g}" for size, one in made)

@@ -202,8 +202,9 @@ def _design(
         posed = _posed(plant, pose, back_off, gamma)
     except ModelError as error:
         return _none(refused(law, [plant], Status.INFEASIBLE, str(error)))
-    except LinAlgError:
-        return _none(refused(law, [plant], Status.NUMERICAL_ERROR, "the plant has a pole at -1: change the sampling"))
+    except LinAlgError as fault:
+        told = f"its algebra failed: {fault}" if plant.dt is None else "the plant has a pole at -1: change the sampling"
+        return _none(refused(law, [plant], Status.NUMERICAL_ERROR, told))
     if not posed:
         message = "no law reaches any finite gain as far as rounding can tell: rescale the plant"
         return _none(refused(law, [plant], Status.NUMERICAL_ERROR, message))

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.linalg import eig, matrix_balance
+from scipy.linalg import eig
 
 from maglev_ctrl.arrays import FloatArray
 from maglev_ctrl.errors import ModelError, Status
+from maglev_ctrl.kernels import scaling
 from maglev_ctrl.proofs.candidates import gramian
 from maglev_ctrl.proofs.makers import decay_claim
 from maglev_ctrl.synthesis.doubling import symmetric
@@ -169,7 +170,8 @@ def hidden_mode(A: FloatArray, rows: FloatArray, states: Sequence[str], dt: floa
     if dt is None:
         found = hidden_modes(A, rows, tuple(states))
         return found[0].label if found else ""
-    balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
+    scale = scaling.balance(A)
+    balanced = scaling.rescale(A, scale)
     poles, right = eig(balanced)
     scaled = rows * scale
     lengths = np.linalg.norm(scaled, axis=1)
@@ -189,7 +191,8 @@ def _lyapunov(A: FloatArray, W: FloatArray, dt: float | None) -> FloatArray:
 
     Forces of 1e4 N beside displacements of 1e-3 m would otherwise cost most digits.
     """
-    balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
+    scale = scaling.balance(A)
+    balanced = scaling.rescale(A, scale)
     a = np.asarray(balanced, dtype=np.float64)
     w = W / np.outer(scale, scale)
     S = gramian(a.T, w, dt)

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from typing import Literal, cast
 
 import numpy as np
-from scipy.linalg import eig, matrix_balance
+from scipy.linalg import eig
 
 from maglev_ctrl.arrays import ComplexArray, FloatArray
 from maglev_ctrl.errors import ModelError
+from maglev_ctrl.kernels import scaling
 from maglev_ctrl.synthesis.weights import QuadraticWeights
 
 Uncontrollable = Literal["refuse", "leave"]
@@ -55,7 +56,8 @@ def hidden_modes(A: FloatArray, rows: FloatArray, states: tuple[str, ...]) -> tu
     >>> [mode.states[0] for mode in hidden_modes(A, np.array([[0.0, 1.0]]), ("drift", "lag"))]
     ['drift']
     """
-    balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
+    scale = scaling.balance(A)
+    balanced = scaling.rescale(A, scale)
     size = float(np.linalg.norm(balanced, 2)) + 1e-300
     poles, left, right = cast(tuple[ComplexArray, ...], eig(balanced, left=True, right=True))
     scaled = rows * scale

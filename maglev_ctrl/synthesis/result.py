@@ -16,6 +16,23 @@ AGREEMENT = 1e-5
 """Relative difference allowed between a reported and a recomputed norm."""
 
 
+class Refused(ModelError):
+    """A synthesis came to no law; `status` is what the solver, or the check of what it said, came to.
+
+    Examples
+    --------
+    >>> Refused("no law: the time was up", Status.TIME_LIMIT).status.name
+    'TIME_LIMIT'
+    """
+
+    def __init__(self, message: str, status: Status) -> None:
+        super().__init__(message)
+        self.status = status
+
+    def __reduce__(self) -> tuple[type[Refused], tuple[str, Status]]:
+        return type(self), (str(self), self.status)
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Performance:
     """One number a design is judged by: what the solver reported and what independent code found of the closed loop.
@@ -66,7 +83,7 @@ class Synthesis:
         ModelError : no controller was returned, with the reason
         """
         if not self.controllers:
-            raise ModelError(f"{self.law}: {self.status.value}; {self.message}")
+            raise Refused(f"{self.law}: {self.status.value}; {self.message}", self.status)
         return self
 
 

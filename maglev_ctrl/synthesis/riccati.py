@@ -15,10 +15,11 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import matrix_balance, solve_continuous_lyapunov
+from scipy.linalg import solve_continuous_lyapunov
 
 from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only, read_only_any
 from maglev_ctrl.errors import Agreement, ModelError, Status
+from maglev_ctrl.kernels import scaling
 from maglev_ctrl.synthesis.doubling import hamiltonian
 from maglev_ctrl.synthesis.extended import Extended, extended_solve
 from maglev_ctrl.synthesis.riccati_newton import EPS, Refined, agreement, best_refined, better, exists
@@ -158,7 +159,7 @@ def _scaled(A: FloatArray, B: FloatArray, Q: FloatArray, R: FloatArray, N: Float
     size = A.shape[0]
     magnitude = np.abs(hamiltonian(A_bare, G, Q_bare))
     np.fill_diagonal(magnitude, 0.0)
-    _, (balance, _) = matrix_balance(magnitude, separate=True, permute=False)
+    balance = scaling.balance(magnitude)
     ratio = np.log2(balance[:size] / balance[size:])
     states = np.exp2(np.round(0.5 * ratio))
     heavy, strong = np.linalg.norm(Q_bare * np.outer(states, states)), np.linalg.norm(G / np.outer(states, states))

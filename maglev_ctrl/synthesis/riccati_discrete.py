@@ -16,10 +16,11 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import LinAlgError, eigvals, matrix_balance, solve_discrete_lyapunov
+from scipy.linalg import LinAlgError, eigvals, solve_discrete_lyapunov
 
 from maglev_ctrl.arrays import ComplexArray, FloatArray, read_only, read_only_any
 from maglev_ctrl.errors import Agreement, Status
+from maglev_ctrl.kernels import scaling
 from maglev_ctrl.synthesis.extended import Extended, extended_solve
 from maglev_ctrl.synthesis.riccati import NEAR, RiccatiSolution, checked, unsolved, verdict
 from maglev_ctrl.synthesis.riccati_discrete_seeds import FALLBACK, PRIMARY, DiscreteSeed, extended_pencil
@@ -100,7 +101,7 @@ def _scaled(A: FloatArray, B: FloatArray, Q: FloatArray, R: FloatArray, N: Float
     magnitude[n : 2 * n, 2 * n :], magnitude[2 * n :, :n] = np.abs(N), np.abs(N.T)
     magnitude[2 * n :, n : 2 * n], magnitude[2 * n :, 2 * n :] = np.abs(B.T), np.abs(R)
     np.fill_diagonal(magnitude, 0.0)
-    _, (balance, _) = matrix_balance(magnitude, separate=True, permute=False)
+    balance = scaling.balance(magnitude)
     states = np.exp2(np.round(0.5 * np.log2(balance[:n] / balance[n : 2 * n])))
     # Inputs to unit size in what they move and cost: R + B'XB is then no worse conditioned than the problem is.
     push = np.linalg.norm(B / states[:, None], axis=0)

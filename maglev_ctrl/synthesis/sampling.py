@@ -10,10 +10,11 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import expm, matrix_balance
+from scipy.linalg import expm
 
 from maglev_ctrl.arrays import FloatArray, read_only
 from maglev_ctrl.errors import ModelError
+from maglev_ctrl.kernels import scaling
 from maglev_ctrl.synthesis.doubling import symmetric
 from maglev_ctrl.systems.plant import Plant
 
@@ -184,7 +185,7 @@ def gramian(A: FloatArray, W: FloatArray, dt: float) -> tuple[FloatArray, FloatA
     n = A.shape[0]
     if n == 0:
         return np.zeros((0, 0)), np.zeros((0, 0))
-    _, (scale, _) = matrix_balance(A, permute=False, separate=True)
+    scale = scaling.balance(A)
     a, w = A * scale / scale[:, None], W * np.outer(scale, scale)
     length = float(np.linalg.norm(a, 1)) * dt
     halvings = max(0, int(np.ceil(np.log2(length / LONGEST_STEP)))) if length > 0.0 else 0
@@ -216,7 +217,8 @@ def root(weight: FloatArray) -> FloatArray:
 
 def balanced_exponential(matrix: FloatArray) -> FloatArray:
     """exp(matrix) by way of balanced coordinates (powers of two)."""
-    balanced, (scale, _) = matrix_balance(matrix, permute=False, separate=True)
+    scale = scaling.balance(matrix)
+    balanced = scaling.rescale(matrix, scale)
     return np.asarray(expm(balanced) * scale[:, None] / scale)
 
 

@@ -231,7 +231,7 @@ def test_faults_of_numerics_are_recorded_too(scenario: Scenario, monkeypatch: py
 
     monkeypatch.setattr(recipe, "make_law", broken)
     one = study_law(scenario, scenario.options[1])
-    assert one.failure == "Singular matrix" and one.status is Status.INFEASIBLE and one.design is None
+    assert one.failure == "Singular matrix" and one.status is Status.NUMERICAL_ERROR and one.design is None
 
 
 def test_a_claim_that_fails_is_no_pass(study: DesignStudy) -> None:

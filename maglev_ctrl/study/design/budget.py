@@ -16,6 +16,7 @@ from maglev_ctrl.study.situation import OptionModel
 from maglev_ctrl.synthesis.damping.budget import DampingBudget, damping_budget
 from maglev_ctrl.synthesis.damping.minimum import DampingDesign, minimum_damping
 from maglev_ctrl.synthesis.damping.places import DampingPlace
+from maglev_ctrl.synthesis.result import Refused
 from maglev_ctrl.systems import SecondOrderSystem
 
 GUARANTEE: Final = "each vertex"
@@ -82,7 +83,7 @@ def chosen_model(model: OptionModel, design: DampingDesign) -> OptionModel:
     ModelError : nothing was proved
     """
     if not design.certified:
-        raise ModelError(f"damping budget: {design.reason or design.synthesis.message}")
+        raise Refused(f"damping budget: {design.reason or design.synthesis.message}", design.synthesis.status)
     least = NOTHING * float(np.max(design.damping, initial=0.0))
     kept = (float(c) if c > least else 0.0 for c in design.damping)
     return replace(model, dampings=tuple(zip(design.places, kept, strict=True)))

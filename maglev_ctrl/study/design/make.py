@@ -38,7 +38,7 @@ from maglev_ctrl.synthesis.h_infinity import h_infinity_output_feedback, h_infin
 from maglev_ctrl.synthesis.integral_action import Integral, lqi
 from maglev_ctrl.synthesis.laws import design_lqg, design_lqr
 from maglev_ctrl.synthesis.lmi.regions import Region, damping, disk, intersection
-from maglev_ctrl.synthesis.result import Synthesis, proven
+from maglev_ctrl.synthesis.result import Refused, Synthesis, proven
 from maglev_ctrl.synthesis.scheduling.interpolated import scheduled_lqr
 from maglev_ctrl.synthesis.scheduling.polytopic import polytopic_lpv
 from maglev_ctrl.synthesis.scheduling.records import ScheduledDesign
@@ -385,7 +385,8 @@ def _predictive(task: Task, record: Predictive) -> MadeLaw:
     linear = design_lqr(system, task.outputs, task.inputs, name=task.name)
     predictive = predictive_law(task.model, system, task.law, record, linear)
     if not predictive.synthesis.controllers:
-        raise ModelError(f"{predictive.synthesis.status.value}; {predictive.synthesis.message}")
+        found = predictive.synthesis
+        raise Refused(f"{found.status.value}; {found.message}", found.status)
     note = (
         "poles, sweeps and margins are those of the continuous linear-quadratic law with the same weights; while no "
         "limit is active the predictive law is its sampled form"

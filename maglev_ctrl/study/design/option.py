@@ -5,9 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 
-import numpy as np
-
-from maglev_ctrl.errors import MaglevError, ModelError, Status
+from maglev_ctrl.errors import ModelError, Status
 from maglev_ctrl.scenario import OptionRecord, Scenario, control_law, describe_option
 from maglev_ctrl.scenario.control_schema import DISTURBED, Predictive, Scheduled
 from maglev_ctrl.study.design.budgeted import Step, budgeted, design_margins
@@ -17,6 +15,7 @@ from maglev_ctrl.study.design.make import MadeLaw, make_law
 from maglev_ctrl.study.design.predictive import predictive_study
 from maglev_ctrl.study.design.records import LawStudy, Level, PredictiveStudy
 from maglev_ctrl.study.design.signals import signal_units
+from maglev_ctrl.study.faults import sentence, status_of
 from maglev_ctrl.study.law import delayed_certificate
 from maglev_ctrl.study.situation import OptionModel
 from maglev_ctrl.synthesis.result import Synthesis
@@ -38,8 +37,8 @@ def study_law(scenario: Scenario, option: OptionRecord, *, step: Step | None = N
         else:
             done = _controlled(scenario, option, blank, tell)
         done = replace(done, document=design_document(scenario, done))
-    except (MaglevError, ValueError, np.linalg.LinAlgError) as fault:
-        done = replace(blank, failure=f"{fault}", status=Status.INFEASIBLE)
+    except Exception as fault:  # whatever it is, the other options go on
+        done = replace(blank, failure=sentence(fault), status=status_of(fault))
     return replace(done, seconds=time.perf_counter() - started)
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from maglev_ctrl.analysis.plane_pixels import judge, lattice
-from maglev_ctrl.analysis.plane_records import NO_ANSWER, UNRESOLVED, UNSTABLE
+from maglev_ctrl.analysis.plane_records import NO_ANSWER, STABLE, UNRESOLVED, UNSTABLE
 from maglev_ctrl.arrays import FloatArray, read_only_any
 from maglev_ctrl.kernels import balance, rescale
 from maglev_ctrl.kernels.plane_series import Direction, PlaneSeries, plane_series, tails
@@ -37,6 +37,7 @@ _BESIDE = 10  # terms of a series in speed beside the phase that the fastest mod
 _CONDITION = 30.0  # of a leading multiplier, assumed
 _AT_ONCE = 3  # squarings between two norms that are taken out: a power of eight leaves no range of numbers
 _NEUTRAL = 1e-6  # growth of the mean system, times the period, below which a point counts as undamped
+_NOISE = 1e-7  # growth per period that rounding can feign at the edge of an undamped tongue
 _TRUNCATION = 1e-8  # per segment of the period
 _CHUNK = 1 << 16  # matrix entries squared at once, so that they stay in the cache
 _THREADS = 2
@@ -278,9 +279,8 @@ class _Pixels:
         doubtful = np.any(state == UNRESOLVED, axis=1)
         if np.any(doubtful):
             neutral = np.abs(self._growth_of_mean()[i]) * panel.period[i] < _NEUTRAL
-            state = judge(
-                growth, error, np.broadcast_to(neutral[:, None], growth.shape), np.broadcast_to(period, growth.shape)
-            )
+            # This map is a first answer: the growth of an undamped system that it cannot see is drawn as none.
+            state[neutral[:, None] & (np.abs(growth) <= np.maximum(_NOISE / period, error))] = STABLE
         self.growth[np.ix_(i, j)], self.state[np.ix_(i, j)] = growth, state
         self.evaluated += growth.size
 

@@ -21,9 +21,9 @@ from maglev_ctrl.analysis.plane_records import (
 from maglev_ctrl.analysis.stability_plane import stability_plane
 from maglev_ctrl.analysis.tongue_atlas import TongueAtlas, tongue_atlas
 from maglev_ctrl.analysis.tongue_table import TongueRow, tongue_table
-from maglev_ctrl.errors import MaglevError
 from maglev_ctrl.scenario import OptionRecord, Scenario, describe_option
 from maglev_ctrl.scenario.quantity_paths import DEPTH, SPEED
+from maglev_ctrl.study.faults import sentence
 from maglev_ctrl.study.floquet_margins import option_margins
 from maglev_ctrl.study.law import designed_option
 from maglev_ctrl.study.map.family import OptionFamily
@@ -36,7 +36,6 @@ from maglev_ctrl.synthesis.design import Design
 from maglev_ctrl.systems import PeriodicSystem, at_depth
 
 Tell = Callable[[str, float], None]
-FAULTS = (MaglevError, ValueError, np.linalg.LinAlgError)
 MERGED = (
     "Delay and bandwidth of every actuator are merged into one lag on the map, in the tongues and in the speed ranges, "
     "as was asked for: error bounds speak of that model. The margins are those of the full one."
@@ -69,8 +68,9 @@ def option_map(
     )  # fmt: skip
     try:
         done = _mapped(scenario, request, record, blank, threads, store, told)
-    except FAULTS as fault:
-        done = replace(blank, failure=f"{fault}", atlas_reason=f"{fault}", margins_reason=f"{fault}")
+    except Exception as fault:  # whatever it is, the other options go on
+        reason = sentence(fault)
+        done = replace(blank, failure=reason, atlas_reason=reason, margins_reason=reason)
     told(f"{blank.label}: done", 1.0)
     return replace(done, seconds=time.perf_counter() - started)
 
@@ -106,8 +106,8 @@ def _mapped(
         tell(f"{blank.label}: tongues", PLANE_SHARE)
         try:
             surface = _surface(family, scenario, request, depth)
-        except FAULTS as fault:
-            tongue_note, atlas, atlas_reason = f"No table of tongues: {fault}", None, f"{fault}"
+        except Exception as fault:
+            tongue_note, atlas, atlas_reason = f"No table of tongues: {sentence(fault)}", None, sentence(fault)
         else:
             tongues, tongue_note = _tongues(family, surface, depth)
             tell(f"{blank.label}: speed ranges", 0.8)
@@ -155,8 +155,8 @@ def _tongues(family: OptionFamily, surface: SpeedSurface, depth: float) -> tuple
             family.path, depth=depth, lower=surface.smooth.lower, upper=surface.smooth.upper,
             largest_depth=surface.largest_depth, elements=family.elements, max_order=order, surface=surface,
         ), note  # fmt: skip
-    except FAULTS as fault:
-        return (), f"No table of tongues: {fault}"
+    except Exception as fault:
+        return (), f"No table of tongues: {sentence(fault)}"
 
 
 def _orders(family: OptionFamily) -> tuple[int, str]:
@@ -183,8 +183,8 @@ def _atlas(
         return tongue_atlas(lambda v: at_depth(surface.smooth(v), depth), lower=axis.first, upper=axis.last,
                             max_order=_orders(family)[0], reader=surface.over(depth),
                             extra=doubtful_speeds(request, plane, depth)), ""  # fmt: skip
-    except FAULTS as fault:
-        return None, f"{fault}"
+    except Exception as fault:
+        return None, sentence(fault)
 
 
 def doubtful_speeds(request: MapRequest, plane: StabilityPlane | None, depth: float) -> tuple[float, ...]:
@@ -205,8 +205,8 @@ def _margins(model: OptionModel, family: OptionFamily, scenario: Scenario) -> tu
     assert scenario.periodic is not None
     try:
         return option_margins(model, family.controller, scenario.periodic)
-    except FAULTS as fault:
-        return None, f"{fault}"
+    except Exception as fault:
+        return None, sentence(fault)
 
 
 def _periodic_law(

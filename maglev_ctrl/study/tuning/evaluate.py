@@ -16,10 +16,10 @@ import numpy as np
 from maglev_ctrl.analysis.loops import Loop
 from maglev_ctrl.analysis.margin_estimates import margin_estimates
 from maglev_ctrl.arrays import ComplexArray, FloatArray
-from maglev_ctrl.errors import MaglevError
 from maglev_ctrl.scenario import OptionRecord, RequirementRecord, Scenario
 from maglev_ctrl.scenario.tunes import TunedQuantity, with_tuned
 from maglev_ctrl.study.design.budget import with_budget
+from maglev_ctrl.study.faults import sentence
 from maglev_ctrl.study.loops import option_loops
 from maglev_ctrl.study.ride import ride_at
 from maglev_ctrl.study.situation import OptionModel, Situation
@@ -54,7 +54,6 @@ PROBES: Final = 4
 STABLE: Final = "stable over the operating set"
 _RIDE_SCOPES: Final = ("nominal", "speed", "payload")
 """Where ride and margins are looked at, as in the full study."""
-_FAULTS = (MaglevError, ValueError, np.linalg.LinAlgError)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -133,11 +132,12 @@ class Judge:
         """
         try:
             return self._assessed(values, everywhere)
-        except _FAULTS as fault:
+        except Exception as fault:
+            reason = sentence(fault)
             k, r = len(self.objectives), len(self.requirements)
             nothing = np.full(k, np.nan)
             return Assessment(
-                nothing, nothing, np.full(r, np.nan), np.full(r, np.nan), FAILED, False, STABLE, FAILED, f"{fault}"
+                nothing, nothing, np.full(r, np.nan), np.full(r, np.nan), FAILED, False, STABLE, FAILED, reason
             )
 
     def _assessed(self, values: Sequence[float], everywhere: bool) -> Assessment:

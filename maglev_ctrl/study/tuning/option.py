@@ -12,6 +12,7 @@ import numpy as np
 from maglev_ctrl.arrays import FloatArray, read_only, read_only_any
 from maglev_ctrl.scenario import OptionRecord, Scenario
 from maglev_ctrl.scenario.tunes import TunedQuantity, decoded, encoded, is_integral, tuned_quantities
+from maglev_ctrl.study.faults import sentence
 from maglev_ctrl.study.tuning.evaluate import Assessment, Judge
 from maglev_ctrl.study.tuning.knee import knee
 from maglev_ctrl.study.tuning.records import TunedOption, TunedVariable
@@ -48,10 +49,19 @@ def tune_option(scenario: Scenario, option: OptionRecord, *, step: Step = lambda
     ------
     ScenarioProblems : a `[[option.tune]]` that cannot be
     """
+    tuned = tuned_quantities(scenario, option)
+    try:
+        return _searched(scenario, option, tuned, step)
+    except Exception as fault:  # whatever it is, the other options go on, and this one is judged as it is written
+        return untuned(scenario, option, sentence(fault))
+
+
+def _searched(
+    scenario: Scenario, option: OptionRecord, tuned: Sequence[TunedQuantity], step: Step
+) -> OptionSearch:  # fmt: skip
     started = time.perf_counter()
     tuning = scenario.tuning
     assert tuning is not None
-    tuned = tuned_quantities(scenario, option)
     judge = Judge(scenario, option, tuned)
     if not tuned:
         only = judge((), everywhere=True)
@@ -180,7 +190,7 @@ def _variable(one: TunedQuantity, value: float) -> TunedVariable:
 
 
 def untuned(scenario: Scenario, option: OptionRecord, reason: str) -> OptionSearch:
-    """The record of an option that was lost with its process."""
+    """The record of an option that was lost with its process, or whose search failed."""
     tuning = scenario.tuning
     assert tuning is not None
     k = len(tuning.objectives)

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import matrix_balance
 
 from maglev_ctrl.arrays import FloatArray, read_only
 from maglev_ctrl.errors import ModelError
+from maglev_ctrl.kernels import scaling
 from maglev_ctrl.synthesis.neutral import hidden_modes
 from maglev_ctrl.synthesis.weights import require_distinct, require_known, require_single
 from maglev_ctrl.systems import Controller, SecondOrderSystem
@@ -151,7 +151,7 @@ def damped_family(
 def scaled(family: DampedFamily) -> tuple[DampedFamily, Scales]:
     """The family in units where its matrices are of order one, and those units."""
     typical = np.max(np.abs(family.A), axis=0)
-    T = np.asarray(matrix_balance(typical, permute=False, separate=True)[1][0])
+    T = scaling.balance(typical)
     A = family.A * T / T[:, None]
     rate = float(max(np.max(np.abs(np.linalg.eigvals(A))), 1e-300))
     push = np.mean(np.abs(np.einsum("vnk,vkn->vk", family.B, family.R)), axis=0)

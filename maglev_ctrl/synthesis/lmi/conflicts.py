@@ -8,11 +8,15 @@ from itertools import combinations
 
 import numpy as np
 
-from maglev_ctrl.errors import Status
+from maglev_ctrl.errors import ModelError, Status
+from maglev_ctrl.proofs.makers import lyapunov_claim
+from maglev_ctrl.proofs.prove import prove
 from maglev_ctrl.synthesis.lmi.fastest import without_limit
 from maglev_ctrl.synthesis.lmi.optimise import optimise
 from maglev_ctrl.synthesis.lmi.problem import USUAL, WIDE, Problem, pose
 from maglev_ctrl.synthesis.lmi.request import Objective, only, requirements
+from maglev_ctrl.synthesis.riccati import riccati_continuous
+from maglev_ctrl.systems import Controller
 
 SOLVES_MOST = 24
 BEST: dict[str, tuple[Objective, str]] = {
@@ -164,6 +168,35 @@ def _share(problem: Problem, serves: Callable[[Problem], bool]) -> float:
         one = problem.with_request(replace(problem.request, commands=smaller))
         low, high = (share, high) if serves(one) else (low, share)
     return low
+
+
+def contradicted(problem: Problem) -> bool:
+    """Whether a law made without the solver is proved to do what it says no law can; asked of one vertex alone.
+
+    A linear-quadratic law of the plant made faster by the rate decays at that rate; where nothing else is asked, or
+    where the solver denies stability itself, that is enough.
+    """
+    if len(problem.plants) > 1:
+        return False
+    names = [name for name, _ in requirements(problem.request)]
+    if set(names) - {"decay_rate"} and _feasible(problem, []) is not False:
+        return False
+    plant, rate = problem.plants[0], problem.request.decay_rate if names == ["decay_rate"] else 0.0
+    n = len(plant.A)
+    shifted = plant.A + 1.001 * (rate or 0.0) * np.eye(n)
+    for price in (1.0, 1e-3, 1e3):
+        size = float(np.linalg.norm(plant.B2, 2)) ** 2
+        found = riccati_continuous(shifted, plant.B2, np.eye(n), price * max(size, 1e-300) * np.eye(plant.B2.shape[1]))
+        if found.status is not Status.SOLVED:
+            continue
+        law = Controller.static(-found.gain, measured=plant.measured, commands=plant.commands)
+        try:
+            claim = lyapunov_claim([plant], [law], rate=rate or 0.0)
+        except (ModelError, ValueError):
+            continue
+        if prove(claim, [plant], [law]).holds:
+            return True
+    return False
 
 
 def _sentence(told: str, size: int, scope: str, chosen: Sequence[str]) -> str:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import threading
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -26,6 +27,8 @@ OUTCOMES = {
 }
 VIOLATION = 1e-6
 """Largest violation of a scaled constraint at a point a solver was not sure of, for the point to be looked at."""
+GRACE = 10.0
+"""Seconds past its time limit after which a solver that has not come back is left behind."""
 
 
 class Clock:
@@ -108,6 +111,9 @@ class LmiSession:
         fresh = (shape, solver) not in self._compiled
         answer = solve_problem(family.problem, family.variables, clock=clock, solver=solver, fresh=fresh)
         self._compiled.add((shape, solver))
+        if answer.status is Status.TIME_LIMIT:  # a solver left behind may still hold this problem
+            del self._families[shape]
+            self._compiled = {one for one in self._compiled if one[0] != shape}
         return answer
 
 
@@ -118,7 +124,8 @@ def solve_problem(
 
     Raises
     ------
-    ModuleNotFoundError : the solver asked for is not installed
+    ImportError : the solver asked for is not installed
+    MemoryError : there was not enough of it
     """
     import cvxpy
 
@@ -137,14 +144,11 @@ def solve_problem(
             "SCS": {"time_limit_secs": clock.left},
         }
         settings = limits[solver]
-        try:
-            # A solver started from the last point's factors would answer differently by what was solved before.
-            problem.solve(solver=solver, warm_start=False, **settings)
-        except (cvxpy.error.SolverError, ArithmeticError, ValueError):
-            late = clock.left <= 0.0
-            return Answer(
-                Status.TIME_LIMIT if late else Status.NUMERICAL_ERROR, {}, False, time.monotonic() - started
-            )  # fmt: skip
+        # A solver started from the last point's factors would answer differently by what was solved before.
+        ended = _within(clock.left + GRACE, lambda: problem.solve(solver=solver, warm_start=False, **settings))
+    if not ended:
+        late = clock.left <= 0.0
+        return Answer(Status.TIME_LIMIT if late else Status.NUMERICAL_ERROR, {}, False, time.monotonic() - started)
     status = OUTCOMES.get(str(problem.status), Status.NUMERICAL_ERROR)
     values: dict[str, FloatArray] = {}
     for name, variable in variables.items():
@@ -152,12 +156,43 @@ def solve_problem(
             values[name] = np.array(variable.value, dtype=np.float64)
     if status is Status.TIME_LIMIT and clock.left > 0.0:
         status = Status.ITERATION_LIMIT
+    broken = any(one.value is not None and not np.all(np.isfinite(one.value)) for one in variables.values())
+    if status in (Status.SOLVED, Status.ALMOST_SOLVED) and (broken or not values):
+        return Answer(Status.NUMERICAL_ERROR, {}, False, time.monotonic() - started)  # solved, it says, without numbers
     certain = "inaccurate" not in str(problem.status)
     if values and status in (Status.ALMOST_SOLVED, Status.ITERATION_LIMIT):
         if _violation(problem) > VIOLATION:
             return Answer(Status.NUMERICAL_ERROR, {}, False, time.monotonic() - started)
         status = Status.ALMOST_SOLVED
     return Answer(status, values, certain, time.monotonic() - started)
+
+
+def _within(seconds: float, call: Callable[[], object]) -> bool:
+    """Whether a solver came back without a fault; one that stays past its own limit is left behind to itself.
+
+    Raises
+    ------
+    ImportError : something the solver needs is not installed
+    MemoryError : there was not enough of it
+    """
+    faults: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            call()
+        except BaseException as fault:  # a solver's panic is no ordinary exception
+            faults.append(fault)
+
+    # Native code cannot be stopped from outside; a thread can be waited for no longer, and ends with the process.
+    thread = threading.Thread(target=run, daemon=True, name="solver")
+    thread.start()
+    thread.join(seconds)
+    if thread.is_alive():
+        return False
+    for fault in faults:
+        if isinstance(fault, ImportError | MemoryError):
+            raise fault
+    return not faults
 
 
 def _violation(problem: Any) -> float:

@@ -19,7 +19,7 @@ from maglev_ctrl.synthesis.lmi.certify import (
     state_feedback,
 )
 from maglev_ctrl.synthesis.lmi.conditions import Lyapunov
-from maglev_ctrl.synthesis.lmi.conflicts import conflict, share_of_starts, suspected_conflict
+from maglev_ctrl.synthesis.lmi.conflicts import conflict, contradicted, share_of_starts, suspected_conflict
 from maglev_ctrl.synthesis.lmi.fastest import price_of_decay, without_limit
 from maglev_ctrl.synthesis.lmi.optimise import BACK_OFF, optimise
 from maglev_ctrl.synthesis.lmi.problem import Optimum, Problem, pose
@@ -80,6 +80,15 @@ def multi_objective(
         return refused(LAW, named, Status.TIME_LIMIT, _late(clock))
     kept = session if session is not None else LmiSession()
     posed = pose(named, request, session=kept, clock=clock, solver=solver, lyapunov=lyapunov)
+    try:
+        return _best(posed, clock, cross_check)
+    except np.linalg.LinAlgError as fault:  # from what a solver called a point no law can be formed
+        return refused(LAW, named, Status.NOT_VERIFIED, f"the solver's point makes no law: {fault}")
+
+
+def _best(posed: Problem, clock: Clock, cross_check: bool) -> Synthesis:
+    """The first candidate that is proved, or why there is none."""
+    named = posed.plants
     reached: list[str] = []
     design = refused(LAW, named, Status.NUMERICAL_ERROR, "nothing was tried")
     for one in candidates(posed):
@@ -92,7 +101,7 @@ def multi_objective(
     if design.status is Status.NOT_VERIFIED and clock.left <= 0.0:
         return refused(LAW, named, Status.TIME_LIMIT, f"{_late(clock)}; {'; '.join(reached)}")
     if design.status is Status.NOT_VERIFIED and (told := suspected_conflict(replace(posed, clock=clock))):
-        return refused(LAW, named, Status.INFEASIBLE, told)
+        return _infeasible(replace(posed, clock=clock), told)
     return design
 
 
@@ -179,18 +188,26 @@ def _failed(problem: Problem, optimum: Optimum) -> Synthesis:
         case Status.TIME_LIMIT:
             return refused(LAW, plants, status, _late(problem.clock))
         case Status.INFEASIBLE:
-            message = conflict(problem)
+            return _infeasible(problem, conflict(problem))
         case Status.UNBOUNDED:
             message = _unbounded(problem)
         case _:
             message = suspected_conflict(problem)
             if message:
-                return refused(LAW, plants, Status.INFEASIBLE, message)
+                return _infeasible(problem, message)
             message = share_of_starts(problem) or (
                 "the solver stopped without an answer, and no requirement was found that cannot be met: relax the one "
                 "nearest its limit"
             )
     return refused(LAW, plants, status, message)
+
+
+def _infeasible(problem: Problem, message: str) -> Synthesis:
+    """No law, by the word of the solver, unless a law made without it does what the solver says none can."""
+    if contradicted(problem):
+        told = "the solver says that no law exists, yet one made without it is proved to do what is asked: do not use"
+        return refused(LAW, problem.plants, Status.NUMERICAL_ERROR, told)
+    return refused(LAW, problem.plants, Status.INFEASIBLE, message)
 
 
 def _unbounded(problem: Problem) -> str:

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import matrix_balance, solve_discrete_lyapunov
+from scipy.linalg import solve_discrete_lyapunov
 
 from maglev_ctrl.arrays import FloatArray, read_only
 from maglev_ctrl.errors import ModelError, Status
+from maglev_ctrl.kernels import scaling
 from maglev_ctrl.proofs.claims import Claim, EllipsoidClaim
 from maglev_ctrl.proofs.makers import decay_claim
 from maglev_ctrl.synthesis.predictive.condensed import CondensedProblem, condense
@@ -175,7 +176,7 @@ def lyapunov_shape(closed: FloatArray, problem: PredictiveProblem | None, K: Flo
     >>> float(lyapunov_shape(np.array([[0.5]]), None, np.zeros((0, 1)))[0, 0]) > 1.0
     True
     """
-    _, (scale, _) = matrix_balance(closed, permute=False, separate=True)
+    scale = scaling.balance(closed)
     balanced = closed / scale[:, None] * scale
     own = _gramian(balanced, np.eye(len(closed)))
     if problem is not None:

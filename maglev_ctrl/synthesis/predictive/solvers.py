@@ -15,6 +15,8 @@ from maglev_ctrl.synthesis.predictive.refine import LARGEST
 
 sparse: Any = scipy.sparse
 """SciPy's sparse matrices, whose many types say nothing here."""
+_SENSELESS = 1e150
+"""Numbers whose squares overflow are no point of any program."""
 linprog: Any = scipy.optimize.linprog
 """SciPy's linear programs (HiGHS)."""
 OSQP_SETTINGS: dict[str, Any] = {
@@ -180,7 +182,7 @@ def _point(values: Any) -> FloatArray | None:
     if values is None:
         return None
     array = np.asarray(values, dtype=float)
-    return array if np.all(np.isfinite(array)) else None
+    return array if np.all(np.abs(array) < _SENSELESS) else None  # false for NaN, too
 
 
 def _most(matrix: Any, n: int) -> FloatArray:

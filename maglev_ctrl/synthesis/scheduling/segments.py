@@ -13,9 +13,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.linalg import eigh, matrix_balance, solve_continuous_lyapunov
+from scipy.linalg import eigh, solve_continuous_lyapunov
 
 from maglev_ctrl.arrays import FloatArray, transpose
+from maglev_ctrl.kernels import scaling
 from maglev_ctrl.synthesis.lmi.session import Clock, solve_problem
 
 BISECTIONS = 7
@@ -91,7 +92,7 @@ def node_lyapunov(loops: FloatArray) -> FloatArray | None:
 def scales(loops: FloatArray) -> FloatArray:
     """Balancing (n,) common to all loops, powers of two."""
     typical = np.max(np.abs(loops), axis=0)
-    return np.asarray(matrix_balance(typical, permute=False, separate=True)[1][0])
+    return scaling.balance(typical)
 
 
 def best_lyapunov(
