@@ -30,6 +30,8 @@ from maglev_ctrl.systems import Controller
 from maglev_ctrl.systems.plant import Plant, plant_fields
 
 FORMAT = "maglev_ctrl design 1"
+LONGEST_NAME = 400
+"""Letters of a name or any other text that is told in one line."""
 
 KINDS: dict[str, type[Claim]] = {
     "decay": DecayClaim,
@@ -131,7 +133,7 @@ def from_document(document: object) -> DesignFile:
     """
     whole = _mapping(document, "the document")
     if whole.get("format") != FORMAT:
-        raise ModelError(f"format: expected {FORMAT!r}, got {whole.get('format')!r}")
+        _wrong("format", repr(FORMAT), whole.get("format"))
     keys = ("format", *(one.name for one in fields(DesignFile)))
     _keys(whole, keys, "the document")
     plants = tuple(_plant_in(one, f"plants[{i}]") for i, one in enumerate(_list(whole["plants"], "plants")))
@@ -141,12 +143,12 @@ def from_document(document: object) -> DesignFile:
     )
     performance = _list(whole["performance"], "performance")
     return DesignFile(
-        name=_text(whole["name"], "name"), law=_text(whole["law"], "law"), created=_text(whole["created"], "created"),
+        name=_line(whole["name"], "name"), law=_line(whole["law"], "law"), created=_line(whole["created"], "created"),
         plants=plants, controllers=laws, claims=claims, schedule=_schedule_in(whole["schedule"], len(laws)),
-        versions={k: _text(v, f"versions.{k}") for k, v in _mapping(whole["versions"], "versions").items()},
+        versions={k: _line(v, f"versions[{k!r}]") for k, v in _mapping(whole["versions"], "versions").items()},
         scenario=_mapping(whole["scenario"], "scenario"), extra=_mapping(whole["extra"], "extra"),
         performance=tuple(_mapping(one, f"performance[{i}]") for i, one in enumerate(performance)),
-        notes=_texts(whole["notes"], "notes"),
+        notes=tuple(_text(one, "notes") for one in _list(whole["notes"], "notes")),
     )  # fmt: skip
 
 
@@ -170,7 +172,7 @@ def _plant_in(value: object, where: str) -> Plant:
     }  # fmt: skip
     arrays = {key: _array(given[key], sizes[key], f"{where}.{key}") for key in plant_fields()}
     held: dict[str, Any] = {**arrays, **names}
-    return Plant(**held, dt=_period(given["dt"], where), name=_text(given["name"], f"{where}.name"))
+    return Plant(**held, dt=_period(given["dt"], where), name=_line(given["name"], f"{where}.name"))
 
 
 def _law_out(law: Controller) -> dict[str, Any]:
@@ -185,7 +187,7 @@ def _law_in(value: object, where: str) -> Controller:
     n, n_y, n_u = len(_list(given["A"], f"{where}.A")), len(measured), len(commands)
     sizes = {"A": (n, n), "B": (n, n_y), "C": (n_u, n), "D": (n_u, n_y)}
     arrays = {key: _array(given[key], size, f"{where}.{key}") for key, size in sizes.items()}
-    name = _text(given["name"], f"{where}.name")
+    name = _line(given["name"], f"{where}.name")
     return Controller(**arrays, measured=measured, commands=commands, name=name, dt=_period(given["dt"], where))
 
 
@@ -197,7 +199,7 @@ def _schedule_in(value: object, laws: int) -> Schedule | None:
     nodes = tuple(_number(x, "schedule.nodes") for x in _list(given["nodes"], "schedule.nodes"))
     if len(nodes) != laws or any(b <= a for a, b in pairwise(nodes)):
         raise ModelError(f"schedule.nodes: expected {laws} rising values, one for each law, got {len(nodes)}")
-    return Schedule(_text(given["parameter"], "schedule.parameter"), _text(given["unit"], "schedule.unit"), nodes)
+    return Schedule(_line(given["parameter"], "schedule.parameter"), _line(given["unit"], "schedule.unit"), nodes)
 
 
 def _claim_out(claim: Claim) -> dict[str, Any]:
@@ -209,7 +211,7 @@ def _claim_in(value: object, where: str, plants: int, laws: int) -> Claim:
     given = _mapping(value, where)
     kind = given.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
-        raise ModelError(f"{where}.kind: expected one of {', '.join(KINDS)}, got {kind!r}")
+        _wrong(f"{where}.kind", f"one of {', '.join(KINDS)}", kind)
     record = KINDS[kind]
     _keys(given, ("kind", *(one.name for one in fields(record))), where)
     found: dict[str, Any] = {}
@@ -230,7 +232,7 @@ def _claim_in(value: object, where: str, plants: int, laws: int) -> Claim:
             case "disturbances" | "performance":
                 found[one.name] = _texts(entry, place)
             case "region":
-                found[one.name] = _text(entry, place)
+                found[one.name] = _line(entry, place)
             case "cross":
                 if not isinstance(entry, bool):
                     _wrong(place, "true or false", entry)
@@ -256,7 +258,8 @@ def _plain(value: Any) -> Any:
 
 
 def _wrong(where: str, expected: str, got: object) -> NoReturn:
-    shown = repr(got)
+    shown = repr(got) if not isinstance(got, int) or abs(got) < 10**60 else ""  # its digits may be too many to write
+    shown = shown or "a very large whole number"
     raise ModelError(f"{where}: expected {expected}, got {shown if len(shown) < 60 else type(got).__name__}")
 
 
@@ -272,7 +275,7 @@ def _keys(given: Mapping[str, Any], wanted: Sequence[str], where: str) -> None:
     if missing:
         raise ModelError(f"{where}: the key {missing[0]!r} is missing")
     if unknown:
-        raise ModelError(f"{where}: the key {unknown[0]!r} is unknown")
+        raise ModelError(f"{where}: the key {unknown[0][:60]!r} is unknown")
 
 
 def _list(value: object, where: str) -> list[Any]:
@@ -287,8 +290,16 @@ def _text(value: object, where: str) -> str:
     return value
 
 
+def _line(value: object, where: str) -> str:
+    """A text that stands in tables and messages: one line, and not a page of it."""
+    text = _text(value, where)
+    if len(text) > LONGEST_NAME or not text.isprintable():
+        _wrong(where, f"at most {LONGEST_NAME} letters in one line", value)
+    return text
+
+
 def _texts(value: object, where: str) -> tuple[str, ...]:
-    return tuple(_text(one, where) for one in _list(value, where))
+    return tuple(_line(one, where) for one in _list(value, where))
 
 
 def _number(value: object, where: str) -> float:

@@ -151,11 +151,16 @@ def to_csv(results: Sequence[Result]) -> str:
             turned = -estimate.value if len(symbol) == 1 else math.nan
             values = (estimate.value, estimate.error, estimate.low, estimate.high, turned)
             writer.writerow([
-                result.series.force, result.series.motion, symbol, unit,
+                _cell(result.series.force), _cell(result.series.motion), symbol, unit,
                 *("" if math.isnan(value) else f"{value:.12g}" for value in values),
                 result.found.description.name, estimate.reason,
             ])  # fmt: skip
     return stream.getvalue()
+
+
+def _cell(name: str) -> str:
+    """A name from the data as a spreadsheet takes it for text: what begins like a formula is quoted."""
+    return f"'{name}" if name.startswith(("=", "+", "-", "@")) else name
 
 
 def to_json(results: Sequence[Result], *, files: Mapping[str, str]) -> str:

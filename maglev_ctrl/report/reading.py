@@ -10,10 +10,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Literal, NoReturn, cast
+from typing import Any, Final, Literal, cast
 
 from maglev_ctrl.errors import ScenarioError, Verdict
 from maglev_ctrl.report.serialise import FORMAT
+from maglev_ctrl.scenario.json_text import SIZE_LIMIT, parse_json
+from maglev_ctrl.scenario.problems import legible
 
 FILE: Final = "report.json"
 KIND: Final = "maglev-ctrl comparison"
@@ -117,16 +119,16 @@ def read_report(place: Path) -> ReportRead:
     maglev_ctrl.errors.ScenarioError: nowhere: expected a folder with report.json, or that file; there is nothing here
     """
     file = _file(place)
+    with file.open("rb") as stream:
+        content = stream.read(SIZE_LIMIT + 1)
     try:
-        data = json.loads(file.read_bytes().decode("utf-8"), parse_constant=_not_json)
-    except UnicodeDecodeError:
-        raise ScenarioError(f"{file}: expected JSON in UTF-8, got other bytes") from None
+        data = parse_json(content)
     except json.JSONDecodeError as error:
         raise ScenarioError(f"{file}:{error.lineno}:{error.colno}: expected JSON: {error.msg}") from None
     except RecursionError:
         raise ScenarioError(f"{file}: expected a report, got JSON nested too deeply") from None
     except ValueError as error:
-        raise ScenarioError(f"{file}: expected JSON: {error}") from None
+        raise ScenarioError(f"{file}: {error}") from None
     try:
         return report_of(data)
     except ValueError as error:
@@ -148,7 +150,7 @@ def report_of(data: Any) -> ReportRead:
     """
     if not isinstance(data, Mapping) or data.get("kind") != KIND:
         said = data.get("kind", data.get("format")) if isinstance(data, Mapping) else None
-        what = f"not a report but {said}" if isinstance(said, str) and said else "not a report"
+        what = f"not a report but {legible(said, most=80)}" if isinstance(said, str) and said else "not a report"
         raise ValueError(f"{what}; {MAKE_ONE}")
     if data.get("format") != FORMAT:
         raise ValueError(f"format: this version reads reports of format {FORMAT}, got {_shown(data.get('format'))}")
@@ -200,10 +202,6 @@ def _file(place: Path) -> Path:
     if any((place / f"report.{other}").exists() for other in ("html", "pdf", "md")):
         raise ScenarioError(f"{place}: the report there has no {FILE}; write it again with --format html,pdf,json")
     raise ScenarioError(f"{place}: no {FILE} in this folder; {MAKE_ONE}")
-
-
-def _not_json(word: str) -> NoReturn:
-    raise ValueError(f"{word} is no JSON number")
 
 
 def _option(data: Any, where: str) -> OptionRead:

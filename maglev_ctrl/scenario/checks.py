@@ -25,6 +25,8 @@ from maglev_ctrl.scenario.scenario_schema import AnySweep, Scenario
 from maglev_ctrl.scenario.vehicle_schema import Bogie, Car, DoubleL, SixDof, TwoStage, VehicleRecord
 
 MAP_LIMIT = 250_000
+MAGNET_LIMIT = 4_000
+"""Magnets of all bogies together; a train of ten cars has some hundreds."""
 _MARGIN_SWEEPS = {
     "speed_margin": "speed", "payload_margin": "payload", "height_margin": "height", "gap_margin": "gap",
 }  # fmt: skip
@@ -72,6 +74,10 @@ def _vehicle_faults(vehicle: VehicleRecord) -> Iterator[Fault]:
             yield Fault((*path, "name"), f'expected a name other than "{bogie.name}", which has a meaning of its own')
         yield from _freedom_faults(bogie.freedom, path=(*path, "freedom"))
         yield from _inertia_faults(bogie, bogie.freedom, path=path)
+    magnets = 0 if vehicle.magnets is None else vehicle.magnets.count * len(vehicle.bogies)
+    if magnets > MAGNET_LIMIT:
+        said = f"expected at most {MAGNET_LIMIT} magnets on all bogies together, got {magnets}"
+        yield Fault(("vehicle", "magnets", "count"), said)
     if vehicle.secondary.half_spacing < 0.0:
         yield Fault(("vehicle", "secondary", "half_spacing"), "expected a length of zero or more")
     for key in ("damping", "lateral_damping"):

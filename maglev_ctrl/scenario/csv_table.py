@@ -11,6 +11,10 @@ from maglev_ctrl.scenario.problems import Problem, ScenarioProblems
 
 HEADER = re.compile(r"\s*([^\[\](]*?)\s*[\[(]\s*(.+?)\s*[\])]\s*")
 """A column's name and its unit in brackets."""
+COLUMN_LIMIT = 64
+CELL_LIMIT = 500
+"""Letters of one cell: names and numbers are short, and what is longer is no table."""
+_UNSEEN = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 
 
 def read_rows(content: bytes, *, shown: str) -> list[tuple[int, list[str]]]:
@@ -23,18 +27,30 @@ def read_rows(content: bytes, *, shown: str) -> list[tuple[int, list[str]]]:
 
     Raises
     ------
-    ScenarioProblems : bytes that are no UTF-8 text, quotes that do not close
+    ScenarioProblems : bytes that are no UTF-8 text, control signs, quotes that do not close, cells or rows that are too
+        long
     """
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = content[: error.start].count(b"\n") + 1
         raise ScenarioProblems(shown, [Problem(line, 1, "", "expected UTF-8 text")]) from None
+    unseen = _UNSEEN.search(text)
+    if unseen is not None:
+        line = text.count("\n", 0, unseen.start()) + 1
+        said = f"expected text without control signs, got U+{ord(unseen[0]):04X}"
+        raise ScenarioProblems(shown, [Problem(line, 1, "", said)])
     kept = []
     reader = csv.reader(io.StringIO(text), strict=True)
     try:
         for cells in reader:
             if any(cell.strip() for cell in cells) and not cells[0].lstrip().startswith("#"):
+                if len(cells) > COLUMN_LIMIT:
+                    said = f"expected at most {COLUMN_LIMIT} columns, got {len(cells)}"
+                    raise ScenarioProblems(shown, [Problem(reader.line_num, 1, "", said)])
+                if max(map(len, cells)) > CELL_LIMIT:
+                    said = f"expected cells of at most {CELL_LIMIT} letters"
+                    raise ScenarioProblems(shown, [Problem(reader.line_num, 1, "", said)])
                 kept.append((reader.line_num, cells))
     except csv.Error as error:
         raise ScenarioProblems(shown, [Problem(1, 1, "", f"expected a CSV table; {error}")]) from None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from maglev_ctrl.arrays import FloatArray, read_only
@@ -57,6 +58,8 @@ def read_force_table(content: bytes, *, shown: str) -> ForceSamples:
         for name, factor, cell in zip(names, factors, cells, strict=True):
             value, fault = number(cell)
             columns[name].append(value * factor)
+            if not math.isfinite(value * factor):
+                fault = f"expected a number that is finite in SI, got {cell.strip()}"
             if fault:
                 problems.append(Problem(line, 1 + names.index(name), name, fault))
         if len(problems) >= 20:

@@ -111,6 +111,8 @@ class _Walk:
         if key.type == "dotted_key":
             return [part for child in key.named_children for part in self._parts(child)]
         text = (key.text or b"").decode()
+        if key.type == "bare_key":
+            return [text]
         return [next(iter(tomllib.loads(f"{text} = 0")))]
 
     def _place(self, node: Node) -> Place:

@@ -20,10 +20,15 @@ _NOUNS = {
 }  # fmt: skip
 
 
+MOST_FAULTS = 200
+"""Findings that are put into words: each is looked up among the known keys, and nobody reads thousands."""
+
+
 def faults_of(error: ValidationError, data: Mapping[str, Any]) -> list[Fault]:
-    """Every finding as a fault with its path in the file."""
+    """Every finding as a fault with its path in the file, the first 200 of them."""
     items = [dict(item) for item in error.errors(include_url=False)]
-    return [_fault(item, data) for item in items if not _short_by_faults(item)]
+    kept = [item for item in items if not _short_by_faults(item)] or items
+    return [_fault(item, data) for item in kept[:MOST_FAULTS]]
 
 
 def _short_by_faults(item: dict[str, Any]) -> bool:

@@ -147,9 +147,11 @@ class OptionRecord(Record):
     label: str = Field("", max_length=80, description="name in tables and figures; left out: the name")
     description: str = Field("", max_length=4000, description="a remark for the report")
     kind: OptionKind = Field(description="which of the suspension families it belongs to")
-    spring_dampers: Many[SpringDamperRecord] = Field((), alias="spring_damper", description="passive elements")
-    actuators: Many[ActuatorRecord] = Field((), alias="actuator", description="active elements")
-    sensors: Many[SensorRecord] = Field((), alias="sensor", description="what the control law measures")
+    spring_dampers: Many[SpringDamperRecord] = Field(
+        (), alias="spring_damper", max_length=100, description="passive elements"
+    )
+    actuators: Many[ActuatorRecord] = Field((), alias="actuator", max_length=100, description="active elements")
+    sensors: Many[SensorRecord] = Field((), alias="sensor", max_length=200, description="what the control law measures")
     control: ControlRecord | None = Field(None, description="the law that drives the actuators")
     damping_budget: DampingBudget | None = Field(
         None, description="choose the damping of the option's spring_dampers instead of prescribing it"

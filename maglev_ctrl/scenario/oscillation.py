@@ -104,9 +104,13 @@ def read_oscillations(paths: Sequence[str | Path]) -> tuple[OscillationSeries, .
     seen: set[Path] = set()
     for path in paths:
         shown, file = str(path), Path(path)
-        if file.resolve() in seen:
+        try:
+            place = file.resolve()
+        except RuntimeError:  # links that lead in a circle, up to Python 3.12
+            raise ScenarioProblems(shown, [Problem(0, 0, "", "cannot be read: links that lead in a circle")]) from None
+        if place in seen:
             raise ScenarioProblems(shown, [Problem(0, 0, "", "file given twice")])
-        seen.add(file.resolve())
+        seen.add(place)
         if not file.is_file():
             got = "a folder" if file.is_dir() else "nothing"
             raise ScenarioProblems(shown, [Problem(0, 0, "", f"expected a CSV file, got {got}")])

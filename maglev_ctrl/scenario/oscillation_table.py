@@ -17,6 +17,7 @@ from maglev_ctrl.scenario.units import Dimensions, Unit, dimensions_of, unit_fac
 SIZE_LIMIT = 64 * 2**20
 MOST_PROBLEMS = 20
 _LEAST, _MOST = 1e-20, 1e20  # beyond them the fourth powers of the fit leave the number range
+_LONGEST_NAME = 80
 Layout = Literal["frequency", "time"]
 
 _STIFFNESSES = (
@@ -191,6 +192,8 @@ def _cells(
                 if head.kind is None:
                     texts.append(cell.strip(" \t\"'").casefold())
                     fault = "" if texts[-1] else "expected a name, got nothing"
+                    if not texts[-1].isprintable() or len(texts[-1]) > _LONGEST_NAME:
+                        fault = f"expected a name of at most {_LONGEST_NAME} letters in one line"
                 elif not cell.strip() and head.name in MAY_BE_EMPTY:
                     values.append(math.nan)
                 else:

@@ -14,6 +14,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from maglev_ctrl.errors import ModelError, OutOfDomain
@@ -25,17 +26,23 @@ from maglev_ctrl.scenario.force_schema import TableForces
 from maglev_ctrl.scenario.force_table import SIZE_LIMIT as TABLE_LIMIT
 from maglev_ctrl.scenario.force_table import ForceSamples, read_force_table
 from maglev_ctrl.scenario.layout import layout
+from maglev_ctrl.scenario.limits import (
+    DEPTH_LIMIT,
+    LINE_LIMIT,
+    SIZE_LIMIT,
+    VALUE_LIMIT,
+    control_signs,
+    depth_exceeds,
+    huge_numbers,
+    values_in,
+    very_long_keys,
+)
 from maglev_ctrl.scenario.messages import faults_of
 from maglev_ctrl.scenario.problems import Fault, KeyPath, Problem, ScenarioProblems
 from maglev_ctrl.scenario.scenario_schema import Origin, Scenario, with_origin, with_solved_force
 from maglev_ctrl.scenario.units import Quantity
 
-SIZE_LIMIT = 2**20
-LINE_LIMIT = 20_000
-DEPTH_LIMIT = 12
 _AT = re.compile(r"\s*\(at line (\d+), column (\d+)\)")
-# C0 without tab and line ends, C1, and what turns the direction of reading around
-_CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 
 
 def load(path: str | Path) -> Scenario:
@@ -170,6 +177,17 @@ def _checked(data: dict[str, Any], file: Path, text: str, *, shown: str, read: O
 def _build_faults(scenario: Scenario) -> Iterator[Fault]:
     """What only shows when the vehicle is built: a table that cannot be fitted, a design point outside the forces."""
     try:
+        with np.errstate(all="ignore"):  # what overflows is found out by its result
+            found = list(_faults_of_building(scenario))
+        yield from found
+    except ArithmeticError:  # sizes that no vehicle has leave the range of numbers somewhere
+        yield Fault(
+            ("vehicle",), "these values leave the range of numbers when the vehicle is built; check their units"
+        )
+
+
+def _faults_of_building(scenario: Scenario) -> Iterator[Fault]:
+    try:
         vehicle = build_vehicle(scenario)
         for element in vehicle.coefficient_elements:
             element.table.at(scenario.operating.speed)
@@ -238,6 +256,8 @@ def _text_of(content: bytes, *, shown: str) -> str:
 
 
 def _parse(text: str, *, shown: str) -> dict[str, Any]:
+    if very_long_keys(text):
+        raise ScenarioProblems(shown, [_too_deep()])
     try:
         data = tomllib.loads(text)
     except RecursionError:
@@ -246,27 +266,17 @@ def _parse(text: str, *, shown: str) -> dict[str, Any]:
         raise ScenarioProblems(shown, [_syntax_problem(str(error), text)]) from None
     if not data:
         raise ScenarioProblems(shown, [Problem(0, 0, "", f"{_nothing_in(text)}{_start()}")])
-    if _depth_exceeds(data, DEPTH_LIMIT):
+    if depth_exceeds(data, DEPTH_LIMIT):
         raise ScenarioProblems(shown, [_too_deep()])
-    unseen = [Fault(path, f"expected text without control signs, got {sign}") for path, sign in _control_signs(data)]
+    values = values_in(data)
+    if values > VALUE_LIMIT:
+        said = f"expected at most {VALUE_LIMIT} keys and entries of lists, got {values}"
+        raise ScenarioProblems(shown, [Problem(0, 0, "", said)])
+    unseen = [Fault(path, f"expected text without control signs, got {sign}") for path, sign in control_signs(data)]
+    unseen += [Fault(path, "expected a whole number of at most 64 bits") for path in huge_numbers(data)]
     if unseen:
         raise _placed(shown, text, unseen)
     return data
-
-
-def _control_signs(value: object, path: KeyPath = ()) -> Iterator[tuple[KeyPath, str]]:
-    """Texts with signs that move a terminal's cursor or turn the direction of reading around, and the first of them."""
-    if isinstance(value, dict):
-        for key, inner in value.items():
-            yield from _control_signs(key, path)
-            yield from _control_signs(inner, (*path, key))
-    elif isinstance(value, list):
-        for place, inner in enumerate(value):
-            yield from _control_signs(inner, (*path, place))
-    elif isinstance(value, str):
-        found = _CONTROL.search(value)
-        if found is not None:
-            yield path, f"U+{ord(found[0]):04X}"
 
 
 def _nothing_in(text: str) -> str:
@@ -292,20 +302,6 @@ def _syntax_problem(message: str, text: str) -> Problem:
     return Problem(line, column, "", f"expected valid TOML: {reason[:1].lower()}{reason[1:]}{hint}")
 
 
-def _depth_exceeds(data: object, limit: int) -> bool:
-    layer: list[object] = [data]
-    for _ in range(limit):
-        layer = [
-            inner
-            for value in layer
-            if isinstance(value, dict | list)
-            for inner in (value.values() if isinstance(value, dict) else value)
-        ]
-        if not layer:
-            return False
-    return any(isinstance(value, dict | list) for value in layer)
-
-
 def _force_table(forces: TableForces, scenario_file: Path) -> tuple[bytes, ForceSamples]:
     """Content and samples of the table; the file has to lie in the scenario's folder or below it.
 
@@ -314,18 +310,18 @@ def _force_table(forces: TableForces, scenario_file: Path) -> tuple[bytes, Force
     ValueError : the file is missing, elsewhere, or too large
     ScenarioProblems : the table itself is wrong
     """
-    folder = scenario_file.resolve().parent
     wanted = Path(forces.file)
-    target = (folder / wanted).resolve()
-    if wanted.is_absolute() or not target.is_relative_to(folder):
-        raise ValueError(f'expected a file in the scenario\'s folder or below it, got "{forces.file}"')
-    if not target.is_file():
-        raise ValueError(f'no file "{forces.file}" beside the scenario{_near_file(target, ".csv")}')
     try:
+        folder = scenario_file.resolve().parent
+        target = (folder / wanted).resolve()
+        if wanted.is_absolute() or not target.is_relative_to(folder):
+            raise ValueError(f'expected a file in the scenario\'s folder or below it, got "{forces.file}"')
+        if not target.is_file():  # folders, devices and pipes, which may have no end, are none
+            raise ValueError(f'no file "{forces.file}" beside the scenario{_near_file(target, ".csv")}')
         with target.open("rb") as stream:
             content = stream.read(TABLE_LIMIT + 1)
-    except OSError as error:
-        raise ValueError(f'"{forces.file}" cannot be read: {error.strerror}') from None
+    except (OSError, RuntimeError) as error:  # links that lead in a circle are a RuntimeError up to Python 3.12
+        raise ValueError(f'"{forces.file}" cannot be read: {getattr(error, "strerror", None) or error}') from None
     if len(content) > TABLE_LIMIT:
         raise ValueError(f'"{forces.file}": expected at most 16 MiB')
     return content, read_force_table(content, shown=str(scenario_file.parent / wanted))

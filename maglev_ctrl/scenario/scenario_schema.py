@@ -165,13 +165,17 @@ class Scenario(Shown, Record):
     title: str = Field(min_length=1, max_length=200, description="one line for the report's title")
     description: str = Field("", max_length=20_000, description="what the study is about")
     sources: dict[str, str] = Field(default_factory=dict, description="where the numbers come from: key = citation")
-    assumptions: Many[str] = Field((), description="numbers and simplifications no source confirms, one line each")
+    assumptions: Many[str] = Field(
+        (), max_length=1000, description="numbers and simplifications no source confirms, one line each"
+    )
     vehicle: VehicleRecord
     forces: ForceRecord
     operating: Operating
     periodic: Periodic | None = Field(None, description="left out: no resonance map")
     options: Many[OptionRecord] = Field(alias="option", min_length=1, max_length=40, description="options to compare")
-    requirements: Many[RequirementRecord] = Field((), alias="requirement", description="what they must reach")
+    requirements: Many[RequirementRecord] = Field(
+        (), alias="requirement", max_length=200, description="what they must reach"
+    )
     packs: Many[Pack] = Field((), description="sets of requirements from practice, beside those of the file")
     irregularity: Irregularity | None = Field(None, description="left out: no ride, no gaps, no actuator power")
     ride: Ride = Field(default_factory=Ride, description="who rides, how far gaps and strokes may close")
@@ -201,8 +205,8 @@ class Scenario(Shown, Record):
 
     @property
     def name(self) -> str:
-        """Name of the file without its ending."""
-        return self.origin.path.stem
+        """Name of the file without its ending; results go into a folder of this name, so that it leads nowhere else."""
+        return self.origin.path.stem.strip(". ") or "scenario"
 
     @property
     def text(self) -> str:

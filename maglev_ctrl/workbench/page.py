@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 from tornado.ioloop import IOLoop
 
 from maglev_ctrl.errors import MaglevError
+from maglev_ctrl.scenario.limits import SIZE_LIMIT
 from maglev_ctrl.scenario.problems import Problem, ScenarioProblems
-from maglev_ctrl.scenario.reader import SIZE_LIMIT
 from maglev_ctrl.workbench.arrangement import Arrangement
 from maglev_ctrl.workbench.faults import INTERNAL, tell_terminal
 from maglev_ctrl.workbench.live_thread import Busy, Compared, LiveThread, Opened, Refused, Shown, Told, Written

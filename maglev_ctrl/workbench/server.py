@@ -22,7 +22,7 @@ from bokeh.server.tornado import BokehTornado
 from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop
 
-from maglev_ctrl.scenario.reader import SIZE_LIMIT
+from maglev_ctrl.scenario.limits import SIZE_LIMIT
 from maglev_ctrl.workbench.arrangement import Arrangement
 from maglev_ctrl.workbench.assets import assets
 from maglev_ctrl.workbench.connection import OneMessage

@@ -8,7 +8,7 @@ import json
 import zlib
 from urllib.parse import parse_qsl, urlencode
 
-from maglev_ctrl.scenario.reader import SIZE_LIMIT
+from maglev_ctrl.scenario.limits import SIZE_LIMIT
 from maglev_ctrl.workbench.state import NAME_LIMIT, PageState, read_values
 
 ADDRESS_LIMIT = 65_536

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from maglev_ctrl.scenario import Scenario
+from maglev_ctrl.scenario.limits import SIZE_LIMIT
 from maglev_ctrl.scenario.problems import Problem, ScenarioProblems
-from maglev_ctrl.scenario.reader import SIZE_LIMIT, load_text
+from maglev_ctrl.scenario.reader import load_text
 
 UPLOADED = ""
 """Key of a text that belongs to no file the page offers: it can name no data files."""

@@ -14,8 +14,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from maglev_ctrl.scenario.limits import SIZE_LIMIT
 from maglev_ctrl.scenario.problems import ScenarioProblems
-from maglev_ctrl.scenario.reader import SIZE_LIMIT
 from maglev_ctrl.workbench.jobs import ReportJobs, report_folder
 from maglev_ctrl.workbench.listening import PortTaken, bound_socket, loopback, own_hosts
 from maglev_ctrl.workbench.share import ADDRESS_LIMIT, address_of, packed, state_of

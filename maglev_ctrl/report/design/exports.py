@@ -144,7 +144,7 @@ def _proved_sampled(design: DesignFile, dt: float, laws: Sequence[Controller]) -
 
 def _identifier(name: str) -> str:
     """A name that C, Python and MATLAB take for a variable."""
-    plain = re.sub(r"[^A-Za-z0-9_]+", "_", name).strip("_") or "law"
+    plain = re.sub(r"[^A-Za-z0-9_]+", "_", name)[:60].strip("_") or "law"  # it names files too
     return plain if plain[0].isalpha() and plain not in KEYWORDS.split() else f"law_{plain}"
 
 
