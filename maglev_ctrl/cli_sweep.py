@@ -119,8 +119,9 @@ def sweep(
 def _run(
     read: Scenario, request: SweepRequest, folder: Path, *, jobs: int, cluster: str, block: int | None, restart: bool
 ) -> None:
+    from maglev_ctrl.errors import ModelError
     from maglev_ctrl.report.sweep import write_sweep
-    from maglev_ctrl.study.sweep.run import require_any, run_sweep
+    from maglev_ctrl.study.sweep.run import no_answer, run_sweep
     from maglev_ctrl.study.sweep.store import STORE, alone, remove_store
 
     reached = 0.0
@@ -138,6 +139,10 @@ def _run(
                 study, store = run_sweep(
                     read, request, folder, jobs=jobs, cluster=cluster, block=block, progress=told
                 )  # fmt: skip
+                nothing = no_answer(study)
+                if nothing:
+                    remove_store(folder)
+                    raise ModelError(nothing)
                 told("writing the page and the files", 1.0)
                 paths = write_sweep(study, store, folder)
             remove_store(folder)
@@ -150,7 +155,6 @@ def _run(
             ended.status, f"interrupted; {share} is kept in {folder / STORE}; the same command goes on from there"
         ) from None
     _print(study)
-    require_any(study)
     if manner().as_json:
         import json
 

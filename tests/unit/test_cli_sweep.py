@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 
 from maglev_ctrl.cli import main
+from maglev_ctrl.errors import ModelError
+from maglev_ctrl.study.sweep import point as point_module
 from maglev_ctrl.study.sweep import store as store_module
 from maglev_ctrl.study.sweep.store import STORE, alone
 
@@ -30,6 +32,16 @@ def test_points_without_an_answer_end_with_status_one_and_are_told(tmp_path, cap
     assert 0 < told["states"]["no_answer"] < 30
     assert told["states"]["no_answer"] == sum(one["points"] for one in told["remarks"])
     assert all("mass" in one["words"] for one in told["remarks"])
+
+
+def test_a_sweep_without_one_answer_is_a_fault_and_leaves_nothing(tmp_path, capsys, monkeypatch):
+    def refuse(*arguments: object) -> None:
+        raise ModelError("no equilibrium at any height")
+
+    monkeypatch.setattr(point_module, "settled_modes", refuse)
+    assert main([*SMALL, "--out", str(tmp_path / "out")]) == 2
+    assert "no point of the sweep could be computed: no equilibrium at any height" in capsys.readouterr().err
+    assert not list((tmp_path / "out").iterdir())
 
 
 @pytest.mark.parametrize(

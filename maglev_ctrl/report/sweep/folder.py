@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any, Final
 
@@ -36,6 +37,8 @@ def write_sweep(study: SweepStudy, store: SweepStore, folder: Path) -> tuple[Pat
     digest = SweepDigest(study)
     arrays = store.path / ARRAYS  # whatever ends this process, it goes with the store
     write_netcdf(arrays, study, store, watch=digest.add)
+    with arrays.open("rb") as stream:
+        os.fsync(stream.fileno())  # on the disk before it gets its place, as the others are
     report = sweep_report(digest)
     page = html(report, {chart.key: svg(chart) for chart in report.charts()})
     made: dict[str, bytes | Path] = {PAGE: page.encode(), ARRAYS: arrays, SUMMARY: json_text(study).encode()}

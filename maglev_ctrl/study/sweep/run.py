@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 
-from maglev_ctrl.errors import ModelError
 from maglev_ctrl.scenario import Scenario
 from maglev_ctrl.study.run import versions, with_forces
 from maglev_ctrl.study.sweep.block import SweepTask, block_size, seconds_per_point
@@ -207,13 +206,9 @@ def columns_in(columns: Sequence[Column], name: str) -> int | None:
     return next((k for k, column in enumerate(columns) if column.name == name), None)
 
 
-def require_any(study: SweepStudy) -> None:
-    """Refuse a sweep without one single answer: its range, or the scenario, is wrong.
-
-    Raises
-    ------
-    ModelError : no point of any option could be computed
-    """
-    if all(one.statuses.get("failed", 0) == study.request.points for one in study.options):
-        reason = next((one.remarks[0][0] for one in study.options if one.remarks), "no reason is known")
-        raise ModelError(f"no point of the sweep could be computed: {reason}")
+def no_answer(study: SweepStudy) -> str:
+    """Why a sweep has not one single answer, for then its range or the scenario is wrong; '' where it has some."""
+    if any(one.statuses.get("failed", 0) < study.request.points for one in study.options):
+        return ""
+    reason = next((one.remarks[0][0] for one in study.options if one.remarks), "no reason is known")
+    return f"no point of the sweep could be computed: {reason}"
