@@ -39,24 +39,26 @@ class _Worker:
 
 
 def shared(
-    task: Callable[[Item], Result], items: Sequence[Item], *, workers: int
+    task: Callable[[Item], Result], items: Sequence[Item], *, workers: int, attempts: int = 1
 ) -> Generator[tuple[int, Result | Lost], None, None]:
     """Results in the order they come, each with the position of its item.
 
-    A process that dies loses only the task it was at; another takes its place, or the others go on without it. However
-    this ends, by the last result, an exception or an interrupt, no process is left behind.
+    A process that dies loses only the task it was at, which is begun again up to `attempts` times and `Lost` then.
+    Another process takes its place, or the others go on without it. However this ends, by the last result, an exception
+    or an interrupt, no process is left behind.
 
     Parameters
     ----------
     task : of a module's top level, so that a new process can import it
     workers : number of processes, one or more
+    attempts : how often a task is begun
 
     Raises
     ------
     ModelError : the processes cannot start
     Exception : whatever the task raised
     """
-    waiting = list(range(len(items)))[::-1]
+    waiting, begun = list(range(len(items)))[::-1], dict[int, int]()
     team: list[_Worker] = []
     try:
         for _ in range(min(workers, len(items))):
@@ -67,7 +69,12 @@ def shared(
                 try:
                     message = worker.pipe.recv()
                 except (EOFError, OSError):
-                    yield from _loss(team, worker)
+                    for position, lost in _loss(team, worker):
+                        if begun[position] < attempts:
+                            waiting.append(position)  # at once: it may be the last one
+                        else:
+                            yield position, lost
+                    _hand_out(team, waiting, begun, items)  # there may be some with nothing to do
                     if waiting and worker.ready:
                         _join_team(team, task)
                     elif not team:
@@ -75,12 +82,19 @@ def shared(
                         return
                     continue
                 yield from _result(worker, message)
-                if waiting:
-                    worker.task = waiting.pop()
-                    with suppress(OSError):  # a death in between is seen at the next turn
-                        worker.pipe.send(items[worker.task])
+                _hand_out(team, waiting, begun, items)
     finally:
         _dismiss(team)
+
+
+def _hand_out(team: list[_Worker], waiting: list[int], begun: dict[int, int], items: Sequence[Any]) -> None:
+    """A task for every process that has none, as far as there are any."""
+    for worker in team:
+        if waiting and worker.ready and worker.task is None:
+            worker.task = waiting.pop()
+            begun[worker.task] = begun.get(worker.task, 0) + 1
+            with suppress(OSError):  # a death in between is seen at the next turn
+                worker.pipe.send(items[worker.task])
 
 
 def _join_team(team: list[_Worker], task: Callable[..., Any]) -> None:

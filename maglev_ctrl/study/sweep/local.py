@@ -33,16 +33,6 @@ def on_this_machine(compute: Compute, blocks: Sequence[int], *, jobs: int) -> It
         for index in blocks:
             yield index, compute(index)
         return
-    waiting, lost = list(blocks), dict[int, int]()
-    while waiting:
-        again: list[int] = []
-        with one_blas_thread(), closing(shared(compute, waiting, workers=jobs)) as results:
-            for position, found in results:
-                index = waiting[position]
-                if isinstance(found, Lost):
-                    lost[index] = lost.get(index, 0) + 1
-                    if lost[index] < ATTEMPTS:
-                        again.append(index)
-                        continue
-                yield index, found
-        waiting = again
+    with one_blas_thread(), closing(shared(compute, list(blocks), workers=jobs, attempts=ATTEMPTS)) as results:
+        for position, found in results:
+            yield blocks[position], found
