@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -181,6 +182,9 @@ def cluster(arguments: list[str]) -> int:
         "scheduler": [*dask[0], "--port", str(port), *place],
         "workers": [*dask[1], address, "--nworkers", str(count), "--nthreads", "1", *place],
     }
+    # Whoever ends this ends the cluster; a shell that starts it in the background lets it ignore Ctrl-C.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
     print(f"Dask cluster of {count} worker(s): --cluster {address}   (Ctrl-C ends it)", flush=True)
     running: dict[str, subprocess.Popen[bytes]] = {}
     try:

@@ -47,9 +47,9 @@ VERBS: Final[dict[str, VerbHelp]] = {
     ),
     "sweep": VerbHelp(
         "Study", "Compute every option at many points, here or on a cluster.",
-        ("sweep scenarios/compare/warwick_30t.toml --grid speed=20:150:200 --grid payload=0:20t:50",
-         "sweep train.toml --vary vehicle.car.mass=20t~5% --vary payload=0t:10t --points 1000",
-         "sweep train.toml --grid speed=20:150:200 --cluster tcp://127.0.0.1:8786"),
+        ("sweep train.toml --grid speed=20:150:200 --grid payload=0:20t:50",
+         "sweep train.toml --vary vehicle.car.mass=20t~5% --points 1000",
+         "sweep train.toml --grid speed=20:150:9 --cluster tcp://node:8786"),
         (("0", "every point has an answer"), ("1", "some points are UNRESOLVED or have no answer")),
     ),
     "simulate": VerbHelp(

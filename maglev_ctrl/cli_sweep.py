@@ -12,7 +12,6 @@ from maglev_ctrl.cli_output import answer, manner, say_quietly, say_written
 from maglev_ctrl.cli_terminal import (
     NOT_PASSED,
     PASSED,
-    Jobs,
     Options,
     OutFolder,
     ScenarioFile,
@@ -39,15 +38,6 @@ class MethodWord(StrEnum):
     random = "random"
 
 
-class PartWord(StrEnum):
-    """What is computed at a point."""
-
-    modes = "modes"
-    floquet = "floquet"
-    margins = "margins"
-    requirements = "requirements"
-
-
 def sweep(
     scenario: ScenarioFile,
     grid: Annotated[
@@ -59,15 +49,24 @@ def sweep(
         typer.Option("--vary", metavar="Q=FROM:TO", help="Drawn instead; or Q=MEAN~DEVIATION; repeatable."),
     ] = None,
     points: Annotated[int | None, typer.Option("--points", metavar="N", min=1, help="Points that are drawn.")] = None,
-    method: Annotated[MethodWord, typer.Option("--method", help="How they are drawn.")] = MethodWord.latin,
-    seed: Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Of what is drawn.")] = 0,
+    method: Annotated[MethodWord | None, typer.Option("--method", help="How they are drawn.  [default: latin]")] = None,
+    seed: Annotated[
+        int | None, typer.Option("--seed", metavar="N", min=0, help="Of what is drawn.  [default: 0]")
+    ] = None,
     compute: Annotated[
-        list[PartWord] | None,
-        typer.Option("--compute", help="What is computed; repeatable.  [default: modes, and floquet where it applies]"),
+        list[str] | None,
+        typer.Option(
+            "--compute",
+            metavar="PART,...",
+            help="modes, floquet, margins, requirements.  [default: modes, and floquet where it applies]",
+        ),
     ] = None,
     option: Options = None,
     out: OutFolder = None,
-    jobs: Jobs = 2,
+    jobs: Annotated[
+        int | None,
+        typer.Option("--jobs", "-j", metavar="N", min=1, max=256, help="Processes that share the work.  [default: 2]"),
+    ] = None,
     cluster: Annotated[
         str | None,
         typer.Option("--cluster", metavar="ADDRESS", help="A Dask scheduler, tcp://HOST:PORT, instead of --jobs."),
@@ -82,7 +81,7 @@ def sweep(
         bool, typer.Option("--list-quantities", help="Show what can be varied; nothing is computed.")
     ] = False,
 ) -> None:
-    """Compute stability, margins and verdicts of each option at many points: a grid, or a sample.
+    """Compute stability of each option at many points, and margins and requirements if asked: a grid, or a sample.
 
     Writes sweep.html, sweep.nc and sweep.json. An interrupted sweep goes on where it was when the same command is given
     again; a point that cannot be computed is told with its reason.
@@ -101,14 +100,18 @@ def sweep(
 
     try:
         request = sweep_request(
-            read, grid=grid or (), vary=vary or (), points=points, method=method.value, seed=seed,
-            options=option or (), parts=[part.value for part in compute or ()],
+            read, grid=grid or (), vary=vary or (), points=points,
+            method=None if method is None else method.value, seed=seed,
+            options=option or (), parts=[part.strip() for text in compute or () for part in text.split(",")],
         )  # fmt: skip
     except ValueError as error:
         raise ScenarioError(f"{scenario}: {error}") from None
     require_libraries(*(("distributed",) if cluster else ()))
     if cluster is not None and "://" not in cluster:
         raise ScenarioError(f'--cluster: expected an address such as tcp://127.0.0.1:8786, got "{cluster}"')
+    if cluster is not None and jobs is not None:
+        raise ScenarioError("--jobs: has no meaning with --cluster, whose workers share the work; give one of them")
+    jobs = jobs or 2
     folder = out if out is not None else Path("out") / read.name / "sweep"
     require_writable(folder, results="sweep")
     if request.points * len(request.options) > MANY_POINTS and not yes:

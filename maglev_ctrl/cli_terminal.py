@@ -152,11 +152,13 @@ def _bar(name: str, *, verbose: bool) -> Iterator[Callable[[str, float], None]]:
 def _lines(*, verbose: bool) -> Callable[[str, float], None]:
     """Progress for a log: few lines, no carriage returns."""
     start = time.perf_counter()
-    last, told_at, told_share = "", -_SPARSE_SECONDS, -_SPARSE_SHARE
+    last, told_at, told_share, begun = "", -_SPARSE_SECONDS, -_SPARSE_SHARE, 0.0
 
     def tell(message: str, fraction: float) -> None:
-        nonlocal last, told_at, told_share
+        nonlocal last, told_at, told_share, begun
         elapsed = time.perf_counter() - start
+        if fraction <= 0.0:
+            begun = elapsed  # what comes before the work says nothing of how long it takes
         if verbose:
             if message != last:
                 typer.echo(f"{elapsed:8.2f} s  {message}", err=True)
@@ -166,7 +168,7 @@ def _lines(*, verbose: bool) -> Callable[[str, float], None]:
         if not due and not (fraction >= 1.0 and message != last):
             return
         told_at, told_share, last = elapsed, fraction, message
-        left = f", about {_span(elapsed / fraction - elapsed)} left" if 0.02 < fraction < 1.0 else ""
+        left = f", about {_span((elapsed - begun) * (1.0 / fraction - 1.0))} left" if 0.02 < fraction < 1.0 else ""
         typer.echo(f"{100.0 * fraction:3.0f} %  {message}  ({_span(elapsed)}{left})", err=True)
 
     return tell

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal, get_args, get_origin
 
@@ -46,6 +46,11 @@ _OF_SOURCES = (("periodic", "source_harmonics"), ("periodic", "magnet_length"))
 _OF_PATTERN = (("periodic", "wavelength"), ("periodic", "depth"), ("periodic", "harmonics"))
 """Parts of [periodic] that only one of the two ways of writing it has."""
 _ALIASES = {"periodic.depth": DEPTH, "periodic.wavelength": WAVELENGTH}
+_SAME: Final = {
+    SPEED: "operating.speed", "height": "operating.height", "gap": "operating.gap",
+    "lateral_offset": "operating.lateral_offset", "payload": "vehicle.car.payload",
+}  # fmt: skip
+"""Where and how the vehicle runs, and the value of the file that says it: two names of one thing."""
 _ABSENT = {
     GAIN: "no option has a control law",
     "gap": "no magnet faces a guidance wall",
@@ -157,12 +162,29 @@ def find_quantity(scenario: Scenario, name: str) -> ScenarioQuantity:
         reason = next((_fixed(scenario, one.path) for one in _inside(scenario, scenario) if one.name == name), "")
         if reason:
             raise ValueError(f"{name}: {reason}")
-        raise ValueError(f'unknown quantity "{name}"{_near(name, known)}; --list-quantities shows them all')
+        near = _near(name, known)
+        near += " " if near.endswith("?") else "; "
+        raise ValueError(f'unknown quantity "{name}"{near}--list-quantities shows them all')
     if found.path[:1] == ("forces",) and isinstance(scenario.forces, EddyCurrentForces):
         raise ValueError(
             f"{name}: eddy-current forces would have to be solved anew at every value; vary a quantity outside [forces]"
         )
     return found
+
+
+def require_different(quantities: Sequence[ScenarioQuantity]) -> None:
+    """Refuse quantities of which one would be without effect beside another.
+
+    Raises
+    ------
+    ValueError : one is given twice, or under both of its names
+    """
+    names = [one.name for one in quantities]
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f"expected different quantities, got {name} twice")
+        if _SAME.get(name) in names:
+            raise ValueError(f"expected different quantities; {name} and {_SAME[name]} are one: give one of them")
 
 
 def _fixed(scenario: Scenario, path: KeyPath) -> str:

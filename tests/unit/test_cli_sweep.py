@@ -41,7 +41,7 @@ def test_a_sweep_without_one_answer_is_a_fault_and_leaves_nothing(tmp_path, caps
     monkeypatch.setattr(point_module, "settled_modes", refuse)
     assert main([*SMALL, "--out", str(tmp_path / "out")]) == 2
     assert "no point of the sweep could be computed: no equilibrium at any height" in capsys.readouterr().err
-    assert not list((tmp_path / "out").iterdir())
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,13 @@ def test_a_sweep_without_one_answer_is_a_fault_and_leaves_nothing(tmp_path, caps
         (["--grid", "speed=40:100:3", "--points", "4"], "--points belongs to --vary"),
         (["--grid", "speed=40:100:3", "--option", "bar"], 'did you mean "bare"'),
         (["--grid", "speed=40:100:3", "--cluster", "localhost"], "expected an address such as tcp://"),
-        (["--grid", "speed=40:100:3", "--compute", "everything"], "everything"),
+        (["--grid", "speed=40:100:3", "--compute", "everything"], 'unknown part "everything"'),
+        (["--grid", "speed=40:100:3", "--compute", "modes,margns"], 'did you mean "margins"?'),
+        (
+            ["--grid", "speed=40:100:3", "--cluster", "tcp://127.0.0.1:1", "--jobs", "2"],
+            "has no meaning with --cluster",
+        ),
+        (["--grid", "speed=40:100:3", "--seed", "1"], "--seed belongs to --vary"),
     ],
 )
 def test_wrong_input_is_one_sentence_and_status_two(tmp_path, capsys, arguments, words):

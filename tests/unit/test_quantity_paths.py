@@ -76,7 +76,7 @@ def test_a_damper_may_be_varied_from_nothing(small_scenario: SmallScenario) -> N
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("spede", 'unknown quantity "spede"; did you mean "speed"?; --list-quantities shows them all'),
+        ("spede", 'unknown quantity "spede"; did you mean "speed"? --list-quantities shows them all'),
         ("vehicle.car.mas", 'did you mean "vehicle.car.mass"?'),
         ("damping", "did you mean vehicle.secondary.damping or option.damper.spring_damper.damper.damping?"),
         ("gap", "gap: there is none in this scenario: no magnet faces a guidance wall"),

@@ -72,6 +72,13 @@ def test_drawn_values_have_the_distribution_asked_for(scenario):
         ({"grid": ["speed=20:150:3"], "points": 5}, "--points belongs to --vary"),
         ({"vary": ["speed=20:150"]}, "expected --points"),
         ({"grid": ["speed=20:150:3", "speed=30:40:3"]}, "speed twice"),
+        ({"grid": ["speed=20:150:3", "operating.speed=30:40:3"]}, "speed and operating.speed are one"),
+        (
+            {"vary": ["vehicle.car.payload=0:1t", "payload=0:2t"], "points": 4},
+            "payload and vehicle.car.payload are one",
+        ),
+        ({"grid": ["speed=20:150:3"], "seed": 3}, "--seed belongs to --vary"),
+        ({"grid": ["speed=20:150:3"], "method": "random"}, "--method belongs to --vary"),
         ({"grid": ["spede=20:150:3"]}, 'did you mean "speed"'),
         ({"grid": ["speed=20:150"]}, "--grid: expected QUANTITY=FROM:TO:COUNT"),
         ({"vary": ["speed=20"], "points": 5}, "--vary: expected QUANTITY=FROM:TO"),

@@ -22,6 +22,7 @@ from maglev_ctrl.scenario.quantity_paths import (
     ScenarioQuantity,
     display_unit,
     find_quantity,
+    require_different,
     with_quantity,
 )
 from maglev_ctrl.scenario.scenario_schema import Periodic
@@ -139,9 +140,10 @@ def map_request(
         first or across, second or along, _chosen(scenario, options),
         coverage=coverage, backend=backend, periodic_law=periodic_law, tables=tables, merge_delays=merge_delays,
     )  # fmt: skip
-    names = [one.quantity.name for one in request.axes]
-    if names[0] == names[1]:
-        raise ValueError(f"--x and --y: expected two different quantities, got {names[0]} twice")
+    try:
+        require_different([one.quantity for one in request.axes])
+    except ValueError as error:
+        raise ValueError(f"--x and --y: {error}") from None
     for one in request.axes:
         request = _fitting(scenario, request, one.quantity, asked=bool(options))
     for one in request.axes:

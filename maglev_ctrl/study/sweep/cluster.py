@@ -210,6 +210,17 @@ def _prepare(client: Client, name: str, compute: Compute) -> None:
             raise ModelError(f"worker {worker} {words}; install the same version on every machine")
 
 
+def require_scheduler(address: str) -> None:
+    """Find out whether a scheduler answers.
+
+    Raises
+    ------
+    ModelError : it does not
+    """
+    with _unheard():
+        _dismiss(_connected(address, first=True))
+
+
 def _connected(address: str, *, first: bool) -> Client:
     from distributed import Client
 
@@ -219,7 +230,7 @@ def _connected(address: str, *, first: bool) -> Client:
         if not first:
             raise _Gone(_short(fault)) from None
         raise ModelError(
-            f"{address}: no Dask scheduler answers there ({_short(fault)}); `dask scheduler` starts one"
+            f"{address}: no Dask scheduler answers there ({_why(fault)}); `dask scheduler` starts one"
         ) from None
 
 
@@ -240,6 +251,10 @@ def _dismiss(client: Client | None) -> None:
     if client is not None:
         with suppress(Exception):
             client.close(timeout=2.0)
+
+
+def _why(fault: BaseException) -> str:
+    return "no connection" if isinstance(fault, OSError | TimeoutError) else _short(fault)
 
 
 def _short(fault: BaseException) -> str:

@@ -22,6 +22,7 @@ from maglev_ctrl.scenario.quantity_paths import (
     ScenarioQuantity,
     display_unit,
     find_quantity,
+    require_different,
     with_quantity,
 )
 from maglev_ctrl.study.map.request import read_range
@@ -142,7 +143,7 @@ class SweepRequest:
 
 def sweep_request(
     scenario: Scenario, *, grid: Sequence[str] = (), vary: Sequence[str] = (), points: int | None = None,
-    method: Literal["random", "latin"] = "latin", seed: int = 0, options: Sequence[str] = (),
+    method: Literal["random", "latin"] | None = None, seed: int | None = None, options: Sequence[str] = (),
     parts: Sequence[str] = (),
 ) -> SweepRequest:  # fmt: skip
     """A request from what people write, checked as far as it can be without computing.
@@ -151,7 +152,7 @@ def sweep_request(
     ----------
     grid : "QUANTITY=FROM:TO:COUNT" each
     vary : instead of a grid: "QUANTITY=FROM:TO" or "QUANTITY=MEAN~DEVIATION" each
-    points : of a sample
+    points, method, seed : of a sample; a Latin hypercube and 0 unless given
     options : names; none: all
     parts : what is computed, of `PARTS`; none: modes, and floquet where the scenario has periodic forces
 
@@ -169,21 +170,24 @@ def sweep_request(
     if bool(grid) == bool(vary):
         told = "both were given" if grid else "none was given"
         raise ValueError(f"expected either --grid {'Q=FROM:TO:COUNT'} or --vary {'Q=FROM:TO'} with --points; {told}")
-    if grid and points is not None:
-        raise ValueError("--points belongs to --vary; a grid has its numbers of points in its ranges")
+    given = {"--points": points, "--method": method, "--seed": seed}
+    idle = next((name for name, value in given.items() if value is not None), "")
+    if grid and idle:
+        raise ValueError(f"{idle} belongs to --vary; a grid has its points in its ranges")
     if vary and points is None:
         raise ValueError("--vary: expected --points, the number of points that are drawn")
     flag, texts = ("--grid", grid) if grid else ("--vary", vary)
     ranges = tuple(_told(flag, scenario, text) for text in texts)
     if len(ranges) > MOST_QUANTITIES:
         raise ValueError(f"{flag}: expected at most {MOST_QUANTITIES} quantities, got {len(ranges)}")
-    names = [one.quantity.name for one in ranges]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise ValueError(f"{flag}: expected different quantities, got {twice} twice")
+    try:
+        require_different([one.quantity for one in ranges])
+    except ValueError as error:
+        raise ValueError(f"{flag}: {error}") from None
     request = SweepRequest(
-        ranges, _options(scenario, options), _parts(scenario, parts), "grid" if grid else method, points or 0, seed
-    )
+        ranges, _options(scenario, options), _parts(scenario, parts), "grid" if grid else method or "latin",
+        points or 0, seed or 0,
+    )  # fmt: skip
     _check_count(request)
     for one in ranges:
         _check_range(scenario, request, one, asked=bool(options))

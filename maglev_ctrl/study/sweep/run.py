@@ -16,7 +16,7 @@ import numpy as np
 from maglev_ctrl.scenario import Scenario
 from maglev_ctrl.study.run import versions, with_forces
 from maglev_ctrl.study.sweep.block import SweepTask, block_size, seconds_per_point
-from maglev_ctrl.study.sweep.cluster import on_cluster
+from maglev_ctrl.study.sweep.cluster import on_cluster, require_scheduler
 from maglev_ctrl.study.sweep.local import on_this_machine
 from maglev_ctrl.study.sweep.records import (
     FAILED,
@@ -68,6 +68,8 @@ def run_sweep(
         tell("measuring what a point costs", 0.0)
         cost = seconds_per_point(scenario, request)
         size = block_size(request.points, cost, workers=4 if cluster else jobs)
+    if cluster:
+        require_scheduler(cluster)  # before anything is written
     task = SweepTask(scenario, request, size)
     store = SweepStore.open(folder, task)
     tally = Tally(task)

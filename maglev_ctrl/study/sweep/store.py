@@ -73,6 +73,8 @@ def alone(folder: Path) -> Iterator[None]:
         with suppress(OSError):  # before it is released: afterwards it may be somebody else's
             (folder / LOCK).unlink()
         lock.release()
+        with suppress(OSError):  # where nothing came of it, nothing stays
+            folder.rmdir()
 
 
 @dataclass(frozen=True, eq=False, slots=True)
