@@ -19,6 +19,7 @@ from maglev_ctrl.cli_terminal import (
     console,
     duration,
     print_quantities,
+    print_table,
     progress,
 )  # fmt: skip
 
@@ -182,18 +183,12 @@ def _size(count: float) -> str:
 
 def _print(study: MapStudy) -> None:
     from rich.markup import escape
-    from rich.table import Table
 
     from maglev_ctrl.report.map.content import comparison_table
 
-    screen, compared = console(), comparison_table(study)
+    screen = console()
     screen.print(f"[bold]{escape(study.title)}[/]")
-    table = Table(title=escape(compared.caption), title_justify="left")
-    for heading in compared.columns:
-        table.add_column(escape(heading), overflow="fold")
-    for cells in compared.rows:
-        table.add_row(*(escape(cell.text) for cell in cells))
-    screen.print(table)
+    print_table(comparison_table(study))
     for words in study.notes:
         screen.print(f"- {escape(words)}")
     for option in study.options:

@@ -19,6 +19,7 @@ from maglev_ctrl.cli_terminal import (
     console,
     duration,
     print_quantities,
+    print_table,
     progress,
 )
 
@@ -192,9 +193,9 @@ def _many(read: Scenario, request: SweepRequest, jobs: int) -> str:
 
 def _print(study: SweepStudy) -> None:
     from rich.markup import escape
-    from rich.table import Table
 
-    from maglev_ctrl.report.sweep.content import counts_table, remarks_table, share_words, verdict_table
+    from maglev_ctrl.report.sweep.content import counts_table, remarks_table, verdict_table
+    from maglev_ctrl.report.sweep.digest import share_words
 
     screen = console()
     screen.print(f"[bold]{escape(study.title)}[/]")
@@ -204,12 +205,7 @@ def _print(study: SweepStudy) -> None:
     for one in found:
         if one is None:
             continue
-        table = Table(title=escape(one.caption), title_justify="left")
-        for heading in one.columns:
-            table.add_column(escape(heading), overflow="fold")
-        for cells in one.rows:
-            table.add_row(*(escape(cell.text) for cell in cells))
-        screen.print(table)
+        print_table(one)
     for words in study.notes:
         screen.print(f"- {escape(words)}")
     for option in study.options:

@@ -20,6 +20,7 @@ from maglev_ctrl.cli_output import Manner, answer, answering, manner, say_quietl
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from maglev_ctrl.report.model import Table
     from maglev_ctrl.scenario import Scenario
 
 PASSED, NOT_PASSED, BAD_INPUT, INTERRUPTED, READER_GONE = 0, 1, 2, 130, 141
@@ -209,3 +210,16 @@ def print_quantities(read: Scenario) -> None:
     answer({
         "quantities": [{"name": one.name, "label": one.label, "unit": one.unit, "value": one.value} for one in found]
     })  # fmt: skip
+
+
+def print_table(shown: Table) -> None:
+    """A table of a report on the terminal."""
+    from rich import table as rich_table
+    from rich.markup import escape
+
+    made = rich_table.Table(title=escape(shown.caption), title_justify="left")
+    for heading in shown.columns:
+        made.add_column(escape(heading), overflow="fold")
+    for cells in shown.rows:
+        made.add_row(*(escape(cell.text) for cell in cells))
+    console().print(made)

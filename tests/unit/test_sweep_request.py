@@ -98,6 +98,13 @@ def test_what_cannot_be_meant_is_told_in_one_sentence(scenario, asked, words):
     assert "\n" not in str(caught.value)
 
 
+def test_no_requirement_is_judged_without_the_periodic_forces(scenario):
+    """A vehicle that grows under modulation meets nothing, so requirements bring Floquet with them."""
+    assert scenario.periodic is not None
+    asked = sweep_request(scenario, grid=["speed=20:150:3"], parts=["margins", "requirements"])
+    assert asked.parts == ("modes", "floquet", "margins", "requirements")
+
+
 def test_blocks_are_short_beside_what_their_loss_costs():
     for points, seconds, workers in ((10**6, 0.005, 8), (10**4, 0.2, 2), (100, 0.01, 4), (3, 60.0, 2)):
         size = block_size(points, seconds, workers=workers)

@@ -11,8 +11,8 @@ from maglev_ctrl.report.map.chart import grid_colours
 from maglev_ctrl.report.map.picture import MOST_COLUMNS, MOST_ROWS, Picture
 from maglev_ctrl.report.raster import outer_edges
 from maglev_ctrl.report.style import FAIL_COLOUR, ON_MAP, colour, dash, number
-from maglev_ctrl.report.sweep.digest import SweepDigest
-from maglev_ctrl.study.sweep.records import NO_ANSWER, STATE_WORDS, UNRESOLVED
+from maglev_ctrl.report.sweep.digest import SweepDigest, share_words
+from maglev_ctrl.study.sweep.records import NO_ANSWER, UNRESOLVED
 from maglev_ctrl.study.sweep.request import SweepRange
 
 _PAIR: Final = 2
@@ -53,14 +53,11 @@ def lines_chart(digest: SweepDigest) -> Chart:
             items.append(Marks(x[undecided], digest.growth[j][undecided], "cross", f"{option.label}: UNRESOLVED",
                                colour(j)))  # fmt: skip
     items += _design(one)
-    told = "; ".join(
-        f"{option.label}: {words}" for option, words in zip(digest.study.options, _shares(digest), strict=True)
-    )
     return Chart(
         key="growth",
         caption=f"Largest growth rate {under(digest)} over {one.quantity.label}; above zero the vehicle is unstable. "
         "A line has gaps where there is no answer.",
-        alt=f"Growth rate over {one.quantity.label}. {told}.",
+        alt=f"Growth rate over {one.quantity.label}. {_shares(digest)}.",
         panels=(Panel(tuple(items), Axis(axis_words(one)), Axis("growth rate (1/s)")),), panel_height=2.8,
         legend="bottom",
     )  # fmt: skip
@@ -79,9 +76,6 @@ def maps_chart(digest: SweepDigest) -> Chart:
         )
         for j, (one, option) in enumerate(zip(shown, digest.study.options, strict=True))
     ]  # fmt: skip
-    told = "; ".join(
-        f"{option.label}: {words}" for option, words in zip(digest.study.options, _shares(digest), strict=True)
-    )
     signs = "Strong colours are unstable: the growth rate. Faint blue is stable: the decay rate."
     if np.any(digest.state == UNRESOLVED):
         signs += " Hatched is UNRESOLVED: the methods do not decide, it does not count as stable."
@@ -90,7 +84,7 @@ def maps_chart(digest: SweepDigest) -> Chart:
     return Chart(
         key="maps",
         caption=f"Growth rate {under(digest)} over {x.quantity.label} and {y.quantity.label}. {signs}",
-        alt=f"Stability over {x.quantity.label} and {y.quantity.label}. {told}.",
+        alt=f"Stability over {x.quantity.label} and {y.quantity.label}. {_shares(digest)}.",
         panels=tuple(panels), columns=min(_PAIR, len(panels)), panel_height=_MAP_HEIGHT, legend="bottom",
     )  # fmt: skip
 
@@ -107,14 +101,11 @@ def shares_chart(digest: SweepDigest) -> Chart:
             there = np.isfinite(share)
             items.append(Line(x[there], share[there], option.label if k == 0 else "", colour(j), dash(j)))
         panels.append(Panel((*items, *_design(one)), Axis(axis_words(one)), Axis("stable (%)", limits=(-4.0, 104.0))))
-    told = "; ".join(
-        f"{option.label}: {words}" for option, words in zip(digest.study.options, _shares(digest), strict=True)
-    )
     return Chart(
         key="shares",
         caption=f"Share of points that are stable {under(digest)} over each quantity, all the others as they come in "
         "the sweep. UNRESOLVED points and points without an answer do not count as stable.",
-        alt=f"Share of stable points over each quantity. {told}.",
+        alt=f"Share of stable points over each quantity. {_shares(digest)}.",
         panels=tuple(panels), columns=min(_PAIR, len(panels)), panel_height=1.7, legend="bottom",
     )  # fmt: skip
 
@@ -176,18 +167,7 @@ def _cross(x: SweepRange, y: SweepRange) -> list[Item]:
     return [Marks(at[0], at[1], "diamond", "the scenario's own values", ON_MAP, 5.0)]
 
 
-def _shares(digest: SweepDigest) -> list[str]:
+def _shares(digest: SweepDigest) -> str:
     """How the points of every option came out, in words."""
     points = digest.study.request.points
-    found = []
-    for option in digest.study.options:
-        states = option.modulated or option.states
-        parts = [
-            f"{100.0 * states[word] / points:.3g} % {words}"
-            for (word, _), words in zip(
-                STATE_WORDS, ("stable", "UNRESOLVED", "unstable", "without an answer"), strict=True
-            )
-            if states.get(word)
-        ]
-        found.append(", ".join(parts))
-    return found
+    return "; ".join(f"{option.label}: {share_words(option, points)}" for option in digest.study.options)

@@ -18,7 +18,7 @@ from maglev_ctrl.report.model import (
 from maglev_ctrl.report.style import number
 from maglev_ctrl.report.sweep.charts import charts, under
 from maglev_ctrl.report.sweep.digest import SweepDigest, share_interval
-from maglev_ctrl.study.sweep.records import OptionCount, SweepStudy
+from maglev_ctrl.study.sweep.records import SweepStudy
 from maglev_ctrl.study.sweep.request import SweepRange
 
 SAMPLE: Final = (
@@ -144,13 +144,6 @@ def thousands(count: int) -> str:
     '1 200 000'
     """
     return f"{count:,}".replace(",", " ")
-
-
-def share_words(option: OptionCount, points: int) -> str:
-    """How the points of an option came out, in a line."""
-    states = option.modulated or option.states
-    shown = (("stable", "stable"), ("unresolved", "UNRESOLVED"), ("unstable", "unstable"), ("no_answer", "no answer"))
-    return ", ".join(f"{100.0 * states[name] / points:.4g} % {words}" for name, words in shown if states[name])
 
 
 def _count(count: int, study: SweepStudy) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import betaincinv
 
 from maglev_ctrl.arrays import FloatArray
-from maglev_ctrl.study.sweep.records import STABLE, UNSTABLE, SweepBlock, SweepStudy
+from maglev_ctrl.study.sweep.records import STABLE, UNSTABLE, OptionCount, SweepBlock, SweepStudy
 from maglev_ctrl.study.sweep.run import columns_in
 
 BINS: Final = 24
@@ -88,6 +88,13 @@ class SweepDigest:
         """Some growth rates of an option, ascending, those without an answer left out."""
         values = np.concatenate(self.kept)[:, option] if self.kept else np.zeros(0)
         return np.sort(values[np.isfinite(values)])
+
+
+def share_words(option: OptionCount, points: int) -> str:
+    """How the points of an option came out, in a line."""
+    states = option.modulated or option.states
+    shown = (("stable", "stable"), ("unresolved", "UNRESOLVED"), ("unstable", "unstable"), ("no_answer", "no answer"))
+    return ", ".join(f"{100.0 * states[name] / points:.4g} % {words}" for name, words in shown if states[name])
 
 
 def share_interval(hits: int, points: int, *, confidence: float = 0.95) -> tuple[float, float]:

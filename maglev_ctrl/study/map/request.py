@@ -137,7 +137,7 @@ def map_request(
     if second is None and first is not None and first.quantity.name == DEPTH:
         across, along = along, across
     request = MapRequest(
-        first or across, second or along, _chosen(scenario, options),
+        first or across, second or along, chosen_options(scenario, options),
         coverage=coverage, backend=backend, periodic_law=periodic_law, tables=tables, merge_delays=merge_delays,
     )  # fmt: skip
     try:
@@ -200,7 +200,13 @@ def _defaults(scenario: Scenario, periodic: Periodic) -> tuple[AxisRange, AxisRa
     )
 
 
-def _chosen(scenario: Scenario, names: Sequence[str]) -> tuple[str, ...]:
+def chosen_options(scenario: Scenario, names: Sequence[str]) -> tuple[str, ...]:
+    """Names of the options asked for, in the file's order; none: all.
+
+    Raises
+    ------
+    ValueError : there is no option of a name
+    """
     known = [option.name for option in scenario.options]
     for name in names:
         if name not in known:
@@ -235,9 +241,18 @@ def _check_ends(scenario: Scenario, one: AxisRange) -> None:
     quantity = one.quantity
     if quantity.whole and not np.array_equal(one.values(), np.round(one.values())):
         raise ValueError(f"{quantity.name}: expected whole numbers; choose COUNT so that every step is a whole number")
-    if not quantity.path:
-        return
-    for value in (one.first, one.last):
+    if quantity.path:
+        require_valid(scenario, quantity, (one.first, one.last))
+
+
+def require_valid(scenario: Scenario, quantity: ScenarioQuantity, values: Sequence[float]) -> None:
+    """Refuse values (SI) of the file that make no valid scenario.
+
+    Raises
+    ------
+    ValueError : one does not, in one sentence with the value
+    """
+    for value in values:
         try:
             with_quantity(scenario, ((quantity, value),))
         except ModelError as error:

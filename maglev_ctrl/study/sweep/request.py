@@ -11,7 +11,6 @@ from typing import Final, Literal, get_args
 import numpy as np
 
 from maglev_ctrl.arrays import FloatArray, read_only_any
-from maglev_ctrl.errors import ModelError
 from maglev_ctrl.scenario import Scenario
 from maglev_ctrl.scenario.problems import near_match
 from maglev_ctrl.scenario.quantity_paths import (
@@ -23,9 +22,8 @@ from maglev_ctrl.scenario.quantity_paths import (
     display_unit,
     find_quantity,
     require_different,
-    with_quantity,
 )
-from maglev_ctrl.study.map.request import read_range
+from maglev_ctrl.study.map.request import chosen_options, read_range, require_valid
 
 Method = Literal["grid", "random", "latin"]
 Part = Literal["modes", "floquet", "margins", "requirements"]
@@ -190,7 +188,7 @@ def sweep_request(
     )  # fmt: skip
     _check_count(request)
     for one in ranges:
-        _check_range(scenario, request, one, asked=bool(options))
+        _check_range(scenario, request, one)
     return request
 
 
@@ -239,11 +237,10 @@ def _drawn_range(scenario: Scenario, text: str) -> SweepRange:
 
 
 def _options(scenario: Scenario, names: Sequence[str]) -> tuple[str, ...]:
-    known = [option.name for option in scenario.options]
-    for name in names:
-        if name not in known:
-            raise ValueError(f'--option: unknown option "{name}"{near_match(name, known)}')
-    return tuple(name for name in known if not names or name in names)
+    try:
+        return chosen_options(scenario, names)
+    except ValueError as error:
+        raise ValueError(f"--option: {error}") from None
 
 
 def _parts(scenario: Scenario, names: Sequence[str]) -> tuple[Part, ...]:
@@ -253,10 +250,12 @@ def _parts(scenario: Scenario, names: Sequence[str]) -> tuple[Part, ...]:
     if scenario.periodic is None and "floquet" in names:
         raise ValueError("--compute: floquet: the scenario describes no periodic forces; add a [periodic] table")
     chosen = set(names) or ({"modes"} if scenario.periodic is None else {"modes", "floquet"})
+    if "requirements" in chosen and scenario.periodic is not None:
+        chosen.add("floquet")  # no requirement is met where the vehicle grows under the periodic forces
     return tuple(part for part in PARTS if part in chosen | {"modes"})
 
 
-def _check_range(scenario: Scenario, request: SweepRequest, one: SweepRange, *, asked: bool) -> None:
+def _check_range(scenario: Scenario, request: SweepRequest, one: SweepRange) -> None:
     """A range has to change something, and both its ends have to give a valid scenario."""
     quantity = one.quantity
     names = [option.name for option in scenario.options]
@@ -272,9 +271,5 @@ def _check_range(scenario: Scenario, request: SweepRequest, one: SweepRange, *, 
         raise ValueError(f"{quantity.name}: expected whole numbers; choose COUNT so that every step is a whole number")
     if quantity.name == SPEED and one.ends[0] <= 0.0 and not one.normal:
         raise ValueError(f"speed: expected values above zero, got {one.ends[0]:g} m/s")
-    for value in one.ends if quantity.path and not one.normal else ():
-        try:
-            with_quantity(scenario, ((quantity, value),))
-        except ModelError as error:
-            told = str(error) if quantity.name in str(error) else f"{quantity.name}: {error}"
-            raise ValueError(f"{told} (at {value:g} {quantity.unit})".replace(" )", ")")) from None
+    if quantity.path and not one.normal:
+        require_valid(scenario, quantity, one.ends)
